@@ -1,0 +1,8 @@
+//! Natural light for scalar volumes.
+#![deny(unsafe_code, clippy::unwrap_used)]
+#![warn(missing_docs)]
+
+pub mod error;
+pub mod scene;
+
+pub use error::{Error, Result};

@@ -1,0 +1,202 @@
+//! The transfer function: scalar → extinction and albedo.
+
+use super::grid::Grid;
+use crate::error::{Error, Result};
+
+/// Largest opacity that is taken at its word; α = 1 would mean an infinite extinction. 1 − 2⁻²⁴, so that an "opaque"
+/// point means σ_t·d = 16.6 over its reference length d.
+pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 16_777_216.0;
+
+/// Entries of the tables that the kernels look up: σ_t and albedo sampled evenly over the data's range, linear in
+/// between.
+pub const TABLE_SIZE: usize = 4096;
+
+/// What the last number of an opacity point means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// Opacity α in 0..1 over the reference length d: σ_t = −ln(1 − α)/d.
+    #[default]
+    Opacity,
+    /// Extinction σ_t per reference length.
+    Extinction,
+}
+
+/// The length that opacity or extinction is meant over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reference {
+    /// One voxel ([`Grid::voxel_length`]).
+    #[default]
+    Voxel,
+    /// One world unit.
+    World,
+    /// The volume's longest side.
+    Side,
+}
+
+impl Reference {
+    /// The length in world units.
+    pub fn length(self, grid: &Grid) -> f64 {
+        match self {
+            Reference::Voxel => grid.voxel_length(),
+            Reference::World => 1.0,
+            Reference::Side => grid.longest_side(),
+        }
+    }
+}
+
+/// Piecewise-linear transfer function. Outside its points the first and last values hold (VTK's clamping). Opacity is
+/// interpolated as opacity and converted to extinction afterwards, as VTK does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transfer {
+    /// (scalar in the data's unit, linear RGB albedo 0..1), ascending.
+    colors: Vec<(f64, [f32; 3])>,
+    /// (scalar in the data's unit, opacity or extinction), ascending.
+    opacities: Vec<(f64, f64)>,
+    kind: Kind,
+    reference: Reference,
+}
+
+/// σ_t and albedo sampled at [`TABLE_SIZE`] scalars, evenly from `lo` to `hi`; what kernels and twins look up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Scalar of the first entry.
+    pub lo: f32,
+    /// Scalar of the last entry.
+    pub hi: f32,
+    /// σ_t, 1/world unit.
+    pub sigma: Vec<f32>,
+    /// Linear RGB albedo; the fourth number is unused.
+    pub albedo: Vec<[f32; 4]>,
+}
+
+impl Transfer {
+    /// A transfer function from colour points and opacity (or extinction) points; scalars must not descend. Two points
+    /// at one scalar make a step.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for no points, descending scalars, numbers that are not finite, an albedo or opacity outside
+    /// 0..1, or a negative extinction.
+    pub fn new(colors: Vec<(f64, [f32; 3])>, opacities: Vec<(f64, f64)>, kind: Kind, reference: Reference) -> Result<Self> {
+        let bad = |what: String, right: &str| Err(Error::Invalid { item: "transfer function", what, right: right.into() });
+        if colors.is_empty() || opacities.is_empty() {
+            return bad("it has no points".into(), "at least one point with colour and opacity is needed");
+        }
+        let scalars = |s: &mut dyn Iterator<Item = f64>| -> Option<(usize, f64)> {
+            let mut last = f64::NEG_INFINITY;
+            for (i, v) in s.enumerate() {
+                if !v.is_finite() || v < last {
+                    return Some((i, v));
+                }
+                last = v;
+            }
+            None
+        };
+        for found in [scalars(&mut colors.iter().map(|c| c.0)), scalars(&mut opacities.iter().map(|o| o.0))] {
+            if let Some((i, v)) = found {
+                return bad(
+                    format!("point {i} stands at scalar {v}, below its predecessor or not finite"),
+                    "points must be sorted by scalar, ascending",
+                );
+            }
+        }
+        if let Some((v, c)) = colors.iter().find(|(_, c)| c.iter().any(|x| !(0.0..=1.0).contains(x))) {
+            return bad(format!("the albedo {c:?} at scalar {v}"), "albedo must lie in 0..1 (linear RGB)");
+        }
+        match kind {
+            Kind::Opacity => {
+                if let Some((v, a)) = opacities.iter().find(|(_, a)| !(0.0..=1.0).contains(a)) {
+                    return bad(
+                        format!("the opacity {a} at scalar {v}"),
+                        "opacity must lie in 0..1 (for extinctions set kind = \"extinction\")",
+                    );
+                }
+            }
+            Kind::Extinction => {
+                if let Some((v, a)) = opacities.iter().find(|(_, a)| !(a.is_finite() && *a >= 0.0)) {
+                    return bad(format!("the extinction {a} at scalar {v}"), "extinction must be finite and not negative");
+                }
+            }
+        }
+        Ok(Self { colors, opacities, kind, reference })
+    }
+
+    /// From combined points [scalar, r, g, b, opacity or extinction], as a scene writes them.
+    ///
+    /// # Errors
+    /// As [`Transfer::new`].
+    pub fn from_points(points: &[[f64; 5]], kind: Kind, reference: Reference) -> Result<Self> {
+        Self::new(
+            points.iter().map(|p| (p[0], [p[1] as f32, p[2] as f32, p[3] as f32])).collect(),
+            points.iter().map(|p| (p[0], p[4])).collect(),
+            kind,
+            reference,
+        )
+    }
+
+    /// What the opacity points mean.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The length that they are meant over.
+    pub fn reference(&self) -> Reference {
+        self.reference
+    }
+
+    /// The colour points.
+    pub fn colors(&self) -> &[(f64, [f32; 3])] {
+        &self.colors
+    }
+
+    /// The opacity or extinction points.
+    pub fn opacities(&self) -> &[(f64, f64)] {
+        &self.opacities
+    }
+
+    /// Linear RGB albedo at a scalar.
+    pub fn albedo(&self, scalar: f64) -> [f32; 3] {
+        let (a, b, t) = segment(&self.colors, scalar);
+        std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t as f32)
+    }
+
+    /// σ_t at a scalar, 1/world unit.
+    pub fn sigma(&self, scalar: f64, grid: &Grid) -> f64 {
+        let (a, b, t) = segment(&self.opacities, scalar);
+        let value = a + (b - a) * t;
+        let per_reference = match self.kind {
+            Kind::Opacity => -(1.0 - value.min(MAX_OPACITY)).ln(),
+            Kind::Extinction => value,
+        };
+        per_reference / self.reference.length(grid)
+    }
+
+    /// The tables for data of `range`.
+    pub fn table(&self, range: [f32; 2], grid: &Grid) -> Table {
+        let (lo, hi) = (f64::from(range[0]), f64::from(range[1]));
+        let at = |i: usize| lo + (hi - lo) * i as f64 / (TABLE_SIZE - 1) as f64;
+        Table {
+            lo: range[0],
+            hi: range[1],
+            sigma: (0..TABLE_SIZE).map(|i| self.sigma(at(i), grid) as f32).collect(),
+            albedo: (0..TABLE_SIZE)
+                .map(|i| {
+                    let [r, g, b] = self.albedo(at(i));
+                    [r, g, b, 0.0]
+                })
+                .collect(),
+        }
+    }
+}
+
+/// The two values around `scalar` and the weight of the second; at a step the later point holds.
+fn segment<T: Copy>(points: &[(f64, T)], scalar: f64) -> (T, T, f64) {
+    let after = points.partition_point(|p| p.0 <= scalar);
+    if after == 0 {
+        return (points[0].1, points[0].1, 0.0);
+    }
+    if after == points.len() {
+        return (points[after - 1].1, points[after - 1].1, 0.0);
+    }
+    let (a, b) = (points[after - 1], points[after]);
+    (a.1, b.1, (scalar - a.0) / (b.0 - a.0))
+}
