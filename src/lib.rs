@@ -3,6 +3,7 @@
 #![warn(missing_docs)]
 
 pub mod error;
+pub mod io;
 pub mod scene;
 
 pub use error::{Error, Result};

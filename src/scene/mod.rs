@@ -1,9 +1,13 @@
 //! Plain data, no device: what a scene is made of.
 
 pub mod grid;
+pub mod picture;
 pub mod transfer;
+pub mod visibility;
 pub mod volume;
 
 pub use grid::Grid;
+pub use picture::Picture;
 pub use transfer::Transfer;
+pub use visibility::Visibility;
 pub use volume::{Samples, Volume};

@@ -1,0 +1,110 @@
+//! How the visibility field is computed: plain settings.
+
+use crate::error::{Error, Result};
+
+/// The estimator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Dense ray march: the ground truth for small steps and many directions.
+    March,
+    /// Growing steps through the opacity pyramid (Ritschel 2007, section 3.1).
+    #[default]
+    Hierarchical,
+}
+
+/// How the opacity pyramid averages two successive cells (see `stages::minify`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// Mean opacity, as plain MIP mapping.
+    Box,
+    /// All 64 pairs of the eight cells: (mean T)².
+    Product,
+    /// Aligned pairs along each axis, averaged over the three axes.
+    #[default]
+    Axis,
+    /// Mean extinction.
+    Extinction,
+}
+
+/// How directions are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sampling {
+    /// One well-spread set for all voxels (spherical Fibonacci).
+    #[default]
+    Stratified,
+    /// The paper's: M jittered patterns, each voxel picks one by a hash.
+    Jittered,
+}
+
+/// Settings of a visibility field.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Visibility {
+    /// The estimator.
+    pub method: Method,
+    /// Voxels per field cell along each axis: 1, 2, 4 or 8.
+    pub ratio: u32,
+    /// Directions per cell, N.
+    pub directions: u32,
+    /// SH bands: 1, 2, 3 or 4, for 1, 4, 9 or 16 coefficients.
+    pub bands: u32,
+    /// Bits per packed coefficient: 8, 16, or 32 (float, unpacked).
+    pub bits: u32,
+    /// Minification filter of the pyramid (`hierarchical`).
+    pub filter: Filter,
+    /// Choice of directions.
+    pub sampling: Sampling,
+    /// Step growth per distance (`hierarchical`): step = max(1 voxel, growth·distance).
+    pub growth: f32,
+    /// Step length in voxels (`march`).
+    pub step: f32,
+}
+
+impl Default for Visibility {
+    fn default() -> Self {
+        Self {
+            method: Method::Hierarchical,
+            ratio: 4,
+            directions: 400,
+            bands: 4,
+            bits: 8,
+            filter: Filter::Axis,
+            sampling: Sampling::Stratified,
+            growth: 0.25,
+            step: 1.0,
+        }
+    }
+}
+
+impl Visibility {
+    /// Number of SH coefficients, bands².
+    pub fn coefficients(&self) -> usize {
+        (self.bands * self.bands) as usize
+    }
+
+    /// Checks each setting.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] naming the first setting out of its range.
+    pub fn check(&self) -> Result<()> {
+        let bad = |item, what: String, right: &str| Err(Error::Invalid { item, what, right: right.into() });
+        if ![1, 2, 4, 8].contains(&self.ratio) {
+            return bad("visibility.ratio", format!("1:{}", self.ratio), "it must be 1, 2, 4 or 8");
+        }
+        if !(1..=1 << 20).contains(&self.directions) {
+            return bad("visibility.directions", format!("{}", self.directions), "it must be 1 to 1048576");
+        }
+        if !(1..=4).contains(&self.bands) {
+            return bad("visibility.bands", format!("{}", self.bands), "it must be 1 to 4");
+        }
+        if ![8, 16, 32].contains(&self.bits) {
+            return bad("visibility.bits", format!("{}", self.bits), "it must be 8, 16 or 32");
+        }
+        if !(0.05..=4.0).contains(&self.growth) {
+            return bad("visibility.growth", format!("{}", self.growth), "it must lie in 0.05..4");
+        }
+        if !(0.01..=16.0).contains(&self.step) {
+            return bad("visibility.step", format!("{} voxels", self.step), "it must lie in 0.01..16");
+        }
+        Ok(())
+    }
+}
