@@ -2,7 +2,10 @@
 
 pub mod camera;
 pub mod grid;
+pub mod keys;
 pub mod picture;
+#[expect(clippy::module_inception, reason = "the scene's own data, beside its parts")]
+pub mod scene;
 pub mod transfer;
 pub mod visibility;
 pub mod volume;
@@ -10,6 +13,7 @@ pub mod volume;
 pub use camera::Camera;
 pub use grid::Grid;
 pub use picture::Picture;
+pub use scene::{Background, ImageSettings, Matter, Scene, Shading, Surface};
 pub use transfer::Transfer;
 pub use visibility::Visibility;
 pub use volume::{Samples, Volume};
