@@ -2,6 +2,7 @@
 #![deny(unsafe_code, clippy::unwrap_used)]
 #![warn(missing_docs)]
 
+pub mod demo;
 pub mod error;
 pub mod io;
 pub mod scene;
