@@ -2,6 +2,7 @@
 // step grows with distance and the level of the opacity pyramid follows it (quadrilinear).
 // Counted per cell and direction: about 1/growth + log(length*growth)/log(1+growth) quadrilinear taps (25 for growth 1/4
 // and 440 voxels), one log2 each, 16 multiply-adds.
+// readwrite: sums
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"

@@ -4,6 +4,7 @@
 // L of 4 bands). A pixel's state stays in memory so that a long ray can be split over dispatches.
 // Counted: one tap per step, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 32 texels and 31 x 48
 // multiply-adds.
+// readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"
@@ -28,7 +29,7 @@ layout(set = 0, binding = 5, std430) readonly buffer View {
     vec4 product[31 * 16];
 };
 layout(set = 0, binding = 6, std430) buffer State { vec4 state[]; };        // radiance, coverage
-layout(set = 0, binding = 7, std430) buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
+layout(set = 0, binding = 7, std430) writeonly buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
 
 layout(push_constant) uniform Params {
     vec3 origin;

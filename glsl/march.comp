@@ -1,6 +1,7 @@
 // march: the dense estimator, and with small steps and many directions the ground truth. V is the transmittance from
 // the cell's centre to the end of the volume, integrated by the midpoint rule with classification after interpolation.
 // Counted per cell and direction: length/step taps of the volume, as many table lookups, one exp, 16 multiply-adds.
+// readwrite: sums
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"

@@ -3,6 +3,7 @@
 // transmittance) stays in memory so that a long ray can be split over dispatches.
 // Counted per step: one tap and a table lookup; where there is matter also one tap of the irradiance volume, an exp
 // and two loads of albedo.
+// readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"

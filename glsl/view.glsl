@@ -2,7 +2,7 @@
 
 // Direction of the ray through the centre of pixel (i, j), row 0 on top, scaled to world length 1.
 vec3 pixel_direction(uvec2 pixel) {
-    vec3 d = corner + (float(pixel.x) + 0.5) * du + (float(pixel.y) + 0.5) * dv;
+    vec3 d = corner + float(pixel.x) * du + float(pixel.y) * dv;
     // World length from the metric M^T M (diagonal, and xy, xz, yz).
     float length2 = dot(metric_diagonal, d * d) + 2.0 * dot(metric_cross, vec3(d.x * d.y, d.x * d.z, d.y * d.z));
     return safe_direction(d * inversesqrt(length2));

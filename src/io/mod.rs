@@ -1,8 +1,14 @@
 //! Files in and out: one file per format. Readers are bounded and never panic; writers write aside and rename.
 
+pub mod scene;
+mod settings;
+
 use crate::error::{Error, Result};
 use std::io::{BufWriter, Write};
 use std::path::Path;
+
+pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
+pub use settings::COMMAND_LINE;
 
 /// Writes a file beside `path` and renames it over `path` when `write` has succeeded: there is never a partial output.
 ///

@@ -8,22 +8,9 @@ use super::raymarch::{Part, View};
 use super::twin;
 use crate::error::Result;
 use crate::kernels::isosurface as kernel;
-use crate::scene::{Grid, Light, Volume, sh};
+use crate::scene::{Grid, Light, Shading, Volume, sh};
 use crate::vk::{Buffer, Format, Image, Recorder};
 use bytemuck::{Pod, Zeroable};
-
-/// Bands of the clamped cosine that have energy up to l = 6.
-const COSINE_BANDS: [usize; 5] = [0, 1, 2, 4, 6];
-
-/// Shading of the surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Shading {
-    /// Lambert with the gradient normal.
-    #[default]
-    Lambert,
-    /// The paper's: a surface point scatters like an isotropic medium.
-    Isotropic,
-}
 
 /// The `View` buffer of the kernel.
 #[repr(C)]
@@ -45,24 +32,20 @@ impl Shade {
         let normal = grid.voxel_to_world().matrix3.inverse().transpose();
         let column = |v: glam::DVec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
         let mut product = [[[0f32; 4]; 16]; 31];
-        let coefficients = light.coefficients();
         match shading {
             Shading::Isotropic => {
-                for (p, l) in product[0].iter_mut().zip(coefficients) {
+                for (p, l) in product[0].iter_mut().zip(&light.coefficients) {
                     *p = [l[0] as f32, l[1] as f32, l[2] as f32, 0.0];
                 }
             }
             Shading::Lambert => {
-                let rows = sh::lambert_matrix(coefficients);
-                let mut k = 0;
-                for l in COSINE_BANDS {
-                    for m in 0..2 * l + 1 {
-                        // H_lm(n) = sqrt(4π/(2l+1)) h_l Y_lm(n); Y_lm(n) is the kernel's part.
-                        let h = (4.0 * std::f64::consts::PI / (2 * l + 1) as f64).sqrt() * sh::clamped_cosine(l);
-                        for (p, a) in product[k].iter_mut().zip(&rows[l * l + m]) {
-                            *p = [(h * a[0]) as f32, (h * a[1]) as f32, (h * a[2]) as f32, 0.0];
-                        }
-                        k += 1;
+                // H_k(n) = √(4π/(2l+1)) h_l Y_k(n); Y_k(n) is the kernel's part.
+                let rows = sh::lambert_matrix(&light.coefficients);
+                for (row, k) in product.iter_mut().zip(sh::lambert_rows()) {
+                    let l = k.isqrt();
+                    let h = sh::zonal_scale(l) * sh::zonal_clamped_cosine(l);
+                    for (p, a) in row.iter_mut().zip(&rows[k]) {
+                        *p = [(h * a[0]) as f32, (h * a[1]) as f32, (h * a[2]) as f32, 0.0];
                     }
                 }
             }
@@ -122,7 +105,7 @@ pub fn record(
             field3: f3.sampled_as(surface.field_view),
             view: surface.shade,
             state,
-            depth,
+            hit_distance: depth,
         },
         &kernel::Spec { bands: surface.bands, bits: surface.bits, lambert: u32::from(surface.shading == Shading::Lambert) },
         &kernel::Params {
@@ -219,7 +202,7 @@ pub fn reference_radiance(v: &[f32; 16], light: &Light, albedo: [f32; 3], normal
             Shading::Isotropic => 0.25 / std::f64::consts::PI,
         };
         for c in 0..3 {
-            let radiance: f64 = y.iter().zip(light.coefficients()).map(|(y, l)| y * l[c]).sum();
+            let radiance: f64 = y.iter().zip(&light.coefficients).map(|(y, l)| y * l[c]).sum();
             sum[c] += weight * visibility * radiance * lobe;
         }
     }

@@ -5,17 +5,16 @@ use super::{MediumView, twin};
 use crate::error::Result;
 use crate::kernels::raymarch as kernel;
 use crate::scene::transfer::Table;
-use crate::scene::{Grid, Volume};
+use crate::scene::{Grid, Volume, camera::Rays};
 use crate::vk::{Buffer, Image, Recorder};
-use glam::DVec3;
 
 /// The camera's rays in voxel space, single precision as the kernels take them. The ray through pixel (i, j), row 0 on
-/// top, runs along corner + (i + ½)·du + (j + ½)·dv.
+/// top, runs along corner + i·du + j·dv.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     /// The eye, voxel coordinates.
     pub origin: [f32; 3],
-    /// Direction to the picture's upper left corner.
+    /// Direction through the centre of the upper left pixel.
     pub corner: [f32; 3],
     /// Change of direction per pixel to the right.
     pub du: [f32; 3],
@@ -28,14 +27,14 @@ pub struct View {
 }
 
 impl View {
-    /// Rays given in voxel space over `grid`.
-    pub fn new(grid: &Grid, origin: DVec3, corner: DVec3, du: DVec3, dv: DVec3) -> Self {
+    /// The rays of a camera over `grid`.
+    pub fn new(grid: &Grid, rays: &Rays) -> Self {
         let g = grid.metric();
         Self {
-            origin: origin.as_vec3().to_array(),
-            corner: corner.as_vec3().to_array(),
-            du: du.as_vec3().to_array(),
-            dv: dv.as_vec3().to_array(),
+            origin: rays.origin_voxel.map(|v| v as f32),
+            corner: rays.corner.map(|v| v as f32),
+            du: rays.du.map(|v| v as f32),
+            dv: rays.dv.map(|v| v as f32),
             metric_diagonal: [g.x_axis.x as f32, g.y_axis.y as f32, g.z_axis.z as f32],
             metric_cross: [g.x_axis.y as f32, g.x_axis.z as f32, g.y_axis.z as f32],
         }
@@ -43,7 +42,7 @@ impl View {
 
     /// The twin of `pixel_direction` in `view.glsl`.
     pub fn direction(&self, i: usize, j: usize) -> [f32; 3] {
-        let (u, v) = (i as f32 + 0.5, j as f32 + 0.5);
+        let (u, v) = (i as f32, j as f32);
         let d: [f32; 3] = std::array::from_fn(|a| self.corner[a] + u * self.du[a] + v * self.dv[a]);
         let mut length2 = 2.0 * (self.metric_cross[0] * d[0] * d[1] + self.metric_cross[1] * d[0] * d[2] + self.metric_cross[2] * d[1] * d[2]);
         for a in 0..3 {

@@ -1,0 +1,242 @@
+//! Scenes from TOML. The keys are those of `scene::keys`; an unknown one is an error that names it and its place.
+
+use super::settings::{COMMAND_LINE, Settings};
+use crate::error::{Error, Result};
+use crate::scene::camera::{CameraSettings, Space};
+use crate::scene::scene::{
+    Background, ImageSettings, LightSettings, LightSource, MAX_SIDE, RawSettings, SAMPLE_TYPES, Scene, Shading, Surface, TransferSource,
+    VolumeSettings, Windowing,
+};
+use crate::scene::transfer::{Kind, Reference, Transfer};
+use crate::scene::visibility::{Filter, Method, Sampling, Visibility};
+use glam::DVec3;
+use std::io::Read;
+use std::path::Path;
+
+/// Overrides of a scene's keys, (dotted key, value as TOML); the last of a key holds.
+pub type Overrides<'a> = [(&'a str, &'a str)];
+
+/// Scene files larger than this are refused: bytes.
+const MAX_SCENE: u64 = 16 << 20;
+
+/// Reads a scene file. Its relative paths are relative to its folder, those of overrides to the current one.
+///
+/// # Errors
+/// [`Error::Io`] and [`Error::Format`] for a file that cannot be read as TOML, [`Error::Scene`] for a key that is unknown,
+/// missing, or has an unusable value.
+pub fn read_scene(path: &Path, overrides: &Overrides) -> Result<Scene> {
+    let fail = |action| move |source| Error::Io { path: path.to_owned(), action, source };
+    let format = |what: String, right: &str| Error::Format { path: path.to_owned(), what, right: right.into() };
+    let file = std::fs::File::open(path).map_err(fail("open"))?;
+    let mut bytes = Vec::new();
+    file.take(MAX_SCENE + 1).read_to_end(&mut bytes).map_err(fail("read"))?;
+    if bytes.len() as u64 > MAX_SCENE {
+        return Err(format("it is larger than 16 MiB".into(), "a scene is a short TOML text"));
+    }
+    let text = String::from_utf8(bytes)
+        .map_err(|e| format(format!("byte {} is not UTF-8", e.utf8_error().valid_up_to()), "a scene is a TOML text"))?;
+    parse_scene(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")), overrides)
+}
+
+/// The scene of a volume file alone, with overrides.
+///
+/// # Errors
+/// [`Error::Scene`] as [`read_scene`], origin "command line".
+pub fn scene_of_volume(volume: &Path, overrides: &Overrides) -> Result<Scene> {
+    let mut settings = Settings::new(COMMAND_LINE.into(), Path::new(""));
+    for (key, value) in overrides {
+        settings.set(key, value)?;
+    }
+    if settings.has("volume.file") {
+        return Err(settings.origins.error("volume.file", "is given twice", "name the volume once, or give a scene file (.toml)"));
+    }
+    let mut scene = build(settings, Some(volume))?;
+    scene.origins.scene = COMMAND_LINE.into();
+    Ok(scene)
+}
+
+/// Reads a scene from its text. `origin` names it in errors; `folder` is what its relative paths are relative to.
+///
+/// # Errors
+/// As [`read_scene`].
+pub fn parse_scene(text: &str, origin: &str, folder: &Path, overrides: &Overrides) -> Result<Scene> {
+    let mut settings = Settings::new(origin.into(), folder);
+    settings.read(text)?;
+    for (key, value) in overrides {
+        settings.set(key, value)?;
+    }
+    build(settings, None)
+}
+
+fn build(mut s: Settings, volume: Option<&Path>) -> Result<Scene> {
+    s.exclusive(&["light.probe"], &["light.constant"])?;
+    s.exclusive(&["transfer.file", "transfer.name", "transfer.range"], &["transfer.points", "transfer.kind"])?;
+    Ok(Scene {
+        volume: volume_settings(&s, volume)?,
+        transfer: transfer(&s)?,
+        surface: surface(&s)?,
+        light: light(&s)?,
+        visibility: visibility(&s)?,
+        camera: camera(&s)?,
+        image: image(&s)?,
+        origins: s.origins,
+    })
+}
+
+fn volume_settings(s: &Settings, file: Option<&Path>) -> Result<VolumeSettings> {
+    let file = match (file, s.path("volume.file")?) {
+        (Some(file), _) => file.to_owned(),
+        (None, Some(file)) => file,
+        (None, None) => return Err(s.origins.error("volume.file", "is missing", "name the volume to show")),
+    };
+    let dims = s.numbers::<3>("volume.dims", 1.0..=1048576.0, "it must be three integers, [x, y, z], each 1 to 1048576")?;
+    let raw = match dims {
+        Some(dims) if dims.iter().all(|n| n.fract() == 0.0) => {
+            let Some(sample_type) = s.choice("volume.type", &SAMPLE_TYPES.map(|t| (t, t)))? else {
+                return Err(s.origins.error("volume.type", "is missing", "a headerless file needs volume.dims and volume.type"));
+            };
+            let spacing = "it must be three numbers above 0";
+            Some(RawSettings {
+                dims: dims.map(|n| n as usize),
+                sample_type: sample_type.into(),
+                spacing: s.numbers("volume.spacing", 1e-30..=1e30, spacing)?.unwrap_or([1.0; 3]),
+                big_endian: s.choice("volume.endian", &[("little", false), ("big", true)])?.unwrap_or(false),
+                offset: s.integer("volume.offset", 0..=u64::MAX, "it must be a number of bytes")?.unwrap_or(0),
+            })
+        }
+        Some(dims) => return Err(s.origins.error("volume.dims", format!("is {dims:?}"), "it must be three integers")),
+        None => {
+            let raw_keys = ["volume.type", "volume.spacing", "volume.endian", "volume.offset"];
+            if let Some(key) = raw_keys.into_iter().find(|k| s.has(k)) {
+                let right = "with volume.dims it describes a headerless file; other files say it themselves";
+                return Err(s.origins.error(key, "stands without `volume.dims`", right));
+            }
+            None
+        }
+    };
+    let nan_as = s.number("volume.nan_as", f64::from(f32::MIN)..=f64::from(f32::MAX), "it must be a finite number")?;
+    Ok(VolumeSettings { file, raw, nan_as: nan_as.map(|v| v as f32) })
+}
+
+fn transfer(s: &Settings) -> Result<TransferSource> {
+    let references = [("voxel", Reference::Voxel), ("world", Reference::World), ("side", Reference::Side)];
+    let reference = s.choice("transfer.reference", &references)?.unwrap_or_default();
+    let kind = s.choice("transfer.kind", &[("opacity", Kind::Opacity), ("extinction", Kind::Extinction)])?;
+    let points = "it must be a list of points, each [scalar, red, green, blue, opacity]";
+    if let Some(points) = s.rows::<5>("transfer.points", points)? {
+        return match Transfer::from_points(&points, kind.unwrap_or_default(), reference) {
+            Ok(transfer) => Ok(TransferSource::Points(transfer)),
+            Err(Error::Invalid { what, right, .. }) => Err(s.origins.error("transfer.points", format!("is unusable: {what}"), right)),
+            Err(other) => Err(other),
+        };
+    }
+    let range = s.numbers::<2>("transfer.range", f64::MIN..=f64::MAX, "it must be two numbers, [low, high]")?;
+    if let Some([lo, hi]) = range.filter(|[lo, hi]| lo >= hi) {
+        return Err(s.origins.error("transfer.range", format!("is [{lo}, {hi}]"), "the first must be below the second"));
+    }
+    let name = s.text("transfer.name")?;
+    if let Some(path) = s.path("transfer.file")? {
+        return Ok(TransferSource::File { path, name, range, reference });
+    }
+    for (key, needed) in [("transfer.kind", "transfer.points"), ("transfer.range", "transfer.file"), ("transfer.name", "transfer.file")] {
+        if s.has(key) {
+            return Err(s.origins.error(key, format!("stands without `{needed}`"), format!("give `{needed}` or drop it")));
+        }
+    }
+    Ok(TransferSource::Ramp { reference })
+}
+
+fn surface(s: &Settings) -> Result<Option<Surface>> {
+    if !s.has_table("surface") {
+        return Ok(None);
+    }
+    let Some(iso) = s.number("surface.iso", f64::MIN..=f64::MAX, "it must be a finite number, in the data's unit")? else {
+        return Err(s.origins.error("surface.iso", "is missing", "say at which value the surface lies, or drop [surface]"));
+    };
+    let shading = s.choice("surface.shading", &[("lambert", Shading::Lambert), ("isotropic", Shading::Isotropic)])?;
+    let albedo = s.numbers::<3>("surface.albedo", 0.0..=1.0, "it must be three numbers in 0..1, linear red, green, blue")?;
+    Ok(Some(Surface { iso, shading: shading.unwrap_or_default(), albedo: albedo.map(|a| a.map(|v| v as f32)) }))
+}
+
+fn light(s: &Settings) -> Result<LightSettings> {
+    let default = LightSettings::default();
+    let radiance = "it must be three numbers in 0..1e6, linear red, green, blue";
+    let constant = s.numbers::<3>("light.constant", 0.0..=1e6, radiance)?.map(|c| c.map(|v| v as f32));
+    let rotate = s.numbers::<4>("light.rotate", -1e6..=1e6, "it must be an axis and degrees, [x, y, z, degrees]")?;
+    if rotate.is_some_and(|r| r[..3].iter().all(|v| v.abs() < 1e-12)) {
+        return Err(s.origins.error("light.rotate", "has an axis of length 0", "such as [0, 0, 1, 90]: a quarter turn about z"));
+    }
+    let windows = [("none", Windowing::None), ("hanning", Windowing::Hanning), ("lanczos", Windowing::Lanczos)];
+    Ok(LightSettings {
+        source: match (s.path("light.probe")?, constant) {
+            (Some(path), _) => LightSource::Probe(path),
+            (None, Some(rgb)) => LightSource::Constant(rgb),
+            (None, None) => default.source,
+        },
+        rotate: rotate.map(|[x, y, z, degrees]| (DVec3::new(x, y, z).normalize_or_zero(), degrees)),
+        scale: s.number("light.scale", 0.0..=1e6, "it must lie in 0..1e6")?.unwrap_or(default.scale),
+        bands: s.integer("light.bands", 1..=4, "it must be 1 to 4")?.map_or(default.bands, |v| v as u32),
+        window: s.choice("light.window", &windows)?.unwrap_or_default(),
+    })
+}
+
+fn visibility(s: &Settings) -> Result<Visibility> {
+    let default = Visibility::default();
+    let integer = |key, right, or: u32| Ok::<_, Error>(s.integer(key, 0..=u64::from(u32::MAX), right)?.map_or(or, |v| v as u32));
+    let number = |key, right, or: f32| Ok::<_, Error>(s.number(key, -1e30..=1e30, right)?.map_or(or, |v| v as f32));
+    let filters = [("box", Filter::Box), ("product", Filter::Product), ("axis", Filter::Axis), ("extinction", Filter::Extinction)];
+    let settings = Visibility {
+        method: s.choice("visibility.method", &[("march", Method::March), ("hierarchical", Method::Hierarchical)])?.unwrap_or_default(),
+        ratio: integer("visibility.ratio", "it must be 1, 2, 4 or 8", default.ratio)?,
+        directions: integer("visibility.directions", "it must be 1 to 1048576", default.directions)?,
+        bands: integer("visibility.bands", "it must be 1 to 4", default.bands)?,
+        bits: integer("visibility.bits", "it must be 8, 16 or 32", default.bits)?,
+        filter: s.choice("visibility.filter", &filters)?.unwrap_or_default(),
+        sampling: s
+            .choice("visibility.sampling", &[("stratified", Sampling::Stratified), ("jittered", Sampling::Jittered)])?
+            .unwrap_or_default(),
+        growth: number("visibility.growth", "it must lie in 0.05..4", default.growth)?,
+        step: number("visibility.step", "it must lie in 0.01..16", default.step)?,
+    };
+    settings.check().map_err(|e| match e {
+        Error::Invalid { item, what, right } => s.origins.error(item, format!("is {what}"), right),
+        other => other,
+    })?;
+    Ok(settings)
+}
+
+fn camera(s: &Settings) -> Result<CameraSettings> {
+    let vector = |key| Ok::<_, Error>(s.numbers::<3>(key, -1e30..=1e30, "it must be three numbers, [x, y, z]")?.map(DVec3::from));
+    let default = CameraSettings::default();
+    let up = vector("camera.up")?.unwrap_or(default.up);
+    if up == DVec3::ZERO {
+        return Err(s.origins.error("camera.up", "is [0, 0, 0]", "it must be a direction, such as [0, 0, 1]"));
+    }
+    Ok(CameraSettings {
+        position: vector("camera.position")?,
+        target: vector("camera.target")?,
+        up,
+        fov_degrees: s.number("camera.fov", 1.0..=170.0, "it must lie in 1..170 degrees")?.unwrap_or(default.fov_degrees),
+        space: s.choice("camera.space", &[("side", Space::Side), ("world", Space::World)])?.unwrap_or_default(),
+    })
+}
+
+fn image(s: &Settings) -> Result<ImageSettings> {
+    let default = ImageSettings::default();
+    let side = format!("it must be 1 to {MAX_SIDE} pixels");
+    let size = |key, or| Ok::<_, Error>(s.integer(key, 1..=MAX_SIDE as u64, &side)?.map_or(or, |v| v as usize));
+    let background = "it must be [red, green, blue], linear, in 0..1e6, or \"light\"";
+    Ok(ImageSettings {
+        width: size("image.width", default.width)?,
+        height: size("image.height", default.height)?,
+        step: s.number("image.step", 0.05..=16.0, "it must lie in 0.05..16 voxels")?.unwrap_or(default.step),
+        background: match s.choice("image.background", &[("light", Background::Light)]) {
+            Ok(found) => found.unwrap_or_default(),
+            Err(_) => match s.numbers::<3>("image.background", 0.0..=1e6, background)? {
+                Some(color) => Background::Color(color.map(|v| v as f32)),
+                None => Background::Transparent,
+            },
+        },
+        exposure: s.number("image.exposure", -40.0..=40.0, "it must lie in -40..40 stops")?.unwrap_or(default.exposure),
+    })
+}

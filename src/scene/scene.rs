@@ -1,0 +1,275 @@
+//! A scene: what to show, in which light, from where, how exactly. Plain data; `io::scene` reads it from TOML.
+
+use super::camera::{CameraSettings, Rays};
+use super::grid::Grid;
+use super::picture::Picture;
+use super::transfer::{Kind, Reference, Transfer};
+use super::visibility::Visibility;
+use crate::error::{Error, Result};
+use glam::DVec3;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// A whole scene. Paths are resolved: usable as they stand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// `[volume]`
+    pub volume: VolumeSettings,
+    /// `[transfer]`
+    pub transfer: TransferSource,
+    /// `[surface]`
+    pub surface: Option<Surface>,
+    /// `[light]`
+    pub light: LightSettings,
+    /// `[visibility]`
+    pub visibility: Visibility,
+    /// `[camera]`
+    pub camera: CameraSettings,
+    /// `[image]`
+    pub image: ImageSettings,
+    /// Where each key that was given stands, for the errors that only show once the data is there.
+    pub origins: Origins,
+}
+
+impl Scene {
+    /// The scene of a volume alone: every other setting at its default.
+    pub fn of_volume(file: PathBuf) -> Self {
+        Self {
+            volume: VolumeSettings { file, raw: None, nan_as: None },
+            transfer: TransferSource::Ramp { reference: Reference::Voxel },
+            surface: None,
+            light: LightSettings::default(),
+            visibility: Visibility::default(),
+            camera: CameraSettings::default(),
+            image: ImageSettings::default(),
+            origins: Origins::default(),
+        }
+    }
+}
+
+/// Key → where it was set: "scene.toml line 7" or "command line".
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Origins {
+    /// The scene file; where a key that nobody set is missing.
+    pub scene: String,
+    /// By dotted key.
+    pub keys: BTreeMap<String, String>,
+}
+
+impl Origins {
+    /// Where `key` was set.
+    pub fn of(&self, key: &str) -> &str {
+        self.keys.get(key).map_or(self.scene.as_str(), String::as_str)
+    }
+
+    /// The error of a key's value.
+    pub fn error(&self, key: &str, what: impl Into<String>, right: impl Into<String>) -> Error {
+        Error::Scene { origin: self.of(key).into(), key: key.into(), what: what.into(), right: right.into() }
+    }
+
+    /// An [`Error::Invalid`] about a scene's key becomes the [`Error::Scene`] that says where the key stands.
+    pub fn blame(&self, error: Error) -> Error {
+        match error {
+            Error::Invalid { item, what, right } if super::keys::find(item).is_some() => self.error(item, what, right),
+            other => other,
+        }
+    }
+}
+
+/// `[volume]`: the file, and what a file without header does not say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VolumeSettings {
+    /// The file.
+    pub file: PathBuf,
+    /// The layout of a headerless file.
+    pub raw: Option<RawSettings>,
+    /// What NaN and infinite samples are replaced by; without it they are an error.
+    pub nan_as: Option<f32>,
+}
+
+/// Layout of a headerless volume file, x fastest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawSettings {
+    /// Voxels along x, y, z.
+    pub dims: [usize; 3],
+    /// One of [`SAMPLE_TYPES`].
+    pub sample_type: String,
+    /// Voxel edges, world units.
+    pub spacing: [f64; 3],
+    /// Whether the most significant byte comes first.
+    pub big_endian: bool,
+    /// Bytes before the first sample.
+    pub offset: u64,
+}
+
+/// Names of sample types in a scene.
+pub const SAMPLE_TYPES: [&str; 10] = ["uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64"];
+
+/// `[transfer]`: where the transfer function comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TransferSource {
+    /// None given: [`ramp`] over the data's range.
+    Ramp {
+        /// The length that its opacity is meant over.
+        reference: Reference,
+    },
+    /// Points in the scene.
+    Points(Transfer),
+    /// A preset file.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Which preset of a file that holds several.
+        name: Option<String>,
+        /// Scalars of the preset's ends; without it, as the preset says.
+        range: Option<[f64; 2]>,
+        /// The length that its opacities are meant over.
+        reference: Reference,
+    },
+}
+
+/// The transfer function of a scene without one: light grey (albedo 0.9), opacity rising linearly from 0 at the data's
+/// smallest value to 1 at its largest, per `reference`, as ParaView does at first sight.
+///
+/// # Errors
+/// As [`Transfer::new`], for a range that is not finite or upside down.
+pub fn ramp(range: [f32; 2], reference: Reference) -> Result<Transfer> {
+    let [lo, hi] = range.map(f64::from);
+    Transfer::from_points(&[[lo, 0.9, 0.9, 0.9, 0.0], [hi, 0.9, 0.9, 0.9, 1.0]], Kind::Opacity, reference)
+}
+
+/// `[surface]`: an opaque isosurface in place of the translucent volume.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Where the data is at least this, it is opaque; elsewhere vacuum. In the data's unit.
+    pub iso: f64,
+    /// How the surface reflects.
+    pub shading: Shading,
+    /// Linear RGB albedo; without it the transfer function's at `iso`.
+    pub albedo: Option<[f32; 3]>,
+}
+
+/// How an isosurface turns visibility and light into radiance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shading {
+    /// Diffuse reflection about the surface's normal: ϖ/π · ∫ V L max(0, n·ω) dω.
+    #[default]
+    Lambert,
+    /// As the volume's: ϖ/4π · ∫ V L dω, without a normal.
+    Isotropic,
+}
+
+/// What fills the volume: its transfer function, or an opaque surface coloured by it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Matter {
+    /// Scalar → extinction and albedo.
+    pub transfer: Transfer,
+    /// The surface, if one is asked for.
+    pub surface: Option<Surface>,
+}
+
+impl Matter {
+    /// Linear RGB albedo of the surface, if there is one.
+    pub fn surface_albedo(&self) -> Option<[f32; 3]> {
+        self.surface.map(|s| s.albedo.unwrap_or_else(|| self.transfer.albedo(s.iso)))
+    }
+
+    /// Whether nothing would be seen of data within `range`: no extinction anywhere, or no value reaches the surface.
+    pub fn is_vacuum(&self, range: [f32; 2], grid: &Grid) -> bool {
+        match self.surface {
+            Some(surface) => surface.iso > f64::from(range[1]),
+            None => self.transfer.table(range, grid).sigma.iter().all(|&s| s == 0.0),
+        }
+    }
+}
+
+/// `[light]`: where light comes from, and what is done to it before it meets visibility.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightSettings {
+    /// Probe or constant.
+    pub source: LightSource,
+    /// Axis (world) and angle in degrees by which the light is turned, counter-clockwise seen against the axis.
+    pub rotate: Option<(DVec3, f64)>,
+    /// Factor on all radiance.
+    pub scale: f64,
+    /// SH bands kept, 1 to 4.
+    pub bands: u32,
+    /// Window against ringing.
+    pub window: Windowing,
+}
+
+/// Where light comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LightSource {
+    /// A lat-long probe.
+    Probe(PathBuf),
+    /// The same radiance from all around, linear RGB.
+    Constant([f32; 3]),
+}
+
+/// Window applied to the light's bands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Windowing {
+    /// None: sharpest, may ring.
+    #[default]
+    None,
+    /// Hanning (raised cosine).
+    Hanning,
+    /// Lanczos (sinc).
+    Lanczos,
+}
+
+impl Default for LightSettings {
+    fn default() -> Self {
+        Self { source: LightSource::Constant([1.0; 3]), rotate: None, scale: 1.0, bands: 4, window: Windowing::None }
+    }
+}
+
+/// `[image]`: the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageSettings {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Step of the viewing ray, in voxels ([`Grid::voxel_length`]).
+    pub step: f64,
+    /// What is seen beside and through the volume.
+    pub background: Background,
+    /// Exposure of 8-bit pictures, stops.
+    pub exposure: f64,
+}
+
+/// Largest picture side that is taken seriously.
+pub const MAX_SIDE: usize = 16384;
+
+impl Default for ImageSettings {
+    fn default() -> Self {
+        Self { width: 1024, height: 768, step: 1.0, background: Background::Transparent, exposure: 0.0 }
+    }
+}
+
+/// What is seen where the volume does not cover.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Background {
+    /// Nothing: the picture keeps its coverage.
+    #[default]
+    Transparent,
+    /// One linear RGB radiance.
+    Color([f32; 3]),
+    /// The light itself, as the probe shows it.
+    Light,
+}
+
+/// Lays `picture` over what each pixel's direction (world, length 1) shows; it is opaque afterwards.
+pub fn fill_background(picture: &mut Picture, rays: &Rays, radiance: impl Fn(DVec3) -> [f32; 3]) {
+    let width = picture.width.max(1);
+    for (p, pixel) in picture.rgba.iter_mut().enumerate() {
+        let through = 1.0 - pixel[3].clamp(0.0, 1.0);
+        let behind = if through > 0.0 { radiance(rays.direction_world((p % width) as f64, (p / width) as f64)) } else { [0.0; 3] };
+        for c in 0..3 {
+            pixel[c] += through * behind[c];
+        }
+        pixel[3] = 1.0;
+    }
+}
