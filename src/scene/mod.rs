@@ -3,15 +3,18 @@
 pub mod camera;
 pub mod grid;
 pub mod keys;
+pub mod light;
 pub mod picture;
 #[expect(clippy::module_inception, reason = "the scene's own data, beside its parts")]
 pub mod scene;
+pub mod sh;
 pub mod transfer;
 pub mod visibility;
 pub mod volume;
 
 pub use camera::Camera;
 pub use grid::Grid;
+pub use light::{Light, Probe};
 pub use picture::Picture;
 pub use scene::{Background, ImageSettings, Matter, Scene, Shading, Surface};
 pub use transfer::Transfer;

@@ -1,0 +1,28 @@
+// The visibility field's packed coefficients: t in 0..1 (or the float itself at 32 bits) <-> v_lm. v_00 takes
+// [0, 2 sqrt(pi)]; the others take [-R, R] with R = PACK_RANGE, zero exactly representable.
+
+layout(constant_id = 1) const uint BITS = 8;
+
+const float UNIT = BITS == 8 ? 255.0 : 65535.0;
+const float ZERO = BITS == 8 ? 128.0 : 32768.0;
+const float SPAN = BITS == 8 ? 127.0 : 32767.0;
+
+vec4 pack_range(uint group) {
+    return vec4(PACK_RANGE[4u * group], PACK_RANGE[4u * group + 1u], PACK_RANGE[4u * group + 2u], PACK_RANGE[4u * group + 3u]);
+}
+
+// Coefficients 4*group .. 4*group+3 from a texel of image `group`.
+vec4 decode(vec4 texel, uint group) {
+    if (BITS == 32) return texel;
+    vec4 v = (texel * UNIT - ZERO) * (pack_range(group) / SPAN);
+    if (group == 0u) v.x = texel.x * PACK_RANGE[0];
+    return v;
+}
+
+// The integers that stand for coefficients 4*group .. 4*group+3.
+uvec4 quantise(vec4 v, uint group) {
+    if (BITS == 32) return floatBitsToUint(v);
+    vec4 q = clamp(round(v / pack_range(group) * SPAN), -SPAN, SPAN) + ZERO;
+    if (group == 0u) q.x = clamp(round(v.x / PACK_RANGE[0] * UNIT), 0.0, UNIT);
+    return uvec4(q);
+}

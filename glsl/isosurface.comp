@@ -1,0 +1,203 @@
+// isosurface: direct isosurface rendering. The first t with D(t) >= iso, found by marching and then bisection; shaded
+// once, in the paper's isotropic form (albedo/(4 pi) int V L) or as Lambert (albedo/pi int V L max(0, n.w)) with the
+// gradient normal, through the SH product of visibility, light and clamped cosine (bands 0, 1, 2, 4, 6: exact for V and
+// L of 4 bands). A pixel's state stays in memory so that a long ray can be split over dispatches.
+// Counted: one tap per step, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 32 texels and 31 x 48
+// multiply-adds.
+// readwrite: state
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "constants.glsl"
+#include "ray.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+layout(constant_id = 0) const uint BANDS = 4;
+#include "field.glsl"
+layout(constant_id = 2) const uint LAMBERT = 1;
+
+layout(set = 0, binding = 0) uniform sampler3D volume;
+layout(set = 0, binding = 1) uniform sampler3D field0;
+layout(set = 0, binding = 2) uniform sampler3D field1;
+layout(set = 0, binding = 3) uniform sampler3D field2;
+layout(set = 0, binding = 4) uniform sampler3D field3;
+layout(set = 0, binding = 5, std430) readonly buffer View {
+    mat4 voxel_to_world_normal; // gradient in voxel space -> world space (inverse transpose of the linear part)
+    vec4 albedo;
+    vec4 field_dims;
+    // Isotropic: row 0 holds L_i. Lambert: rows k = 0..30 hold, for coefficient i, sum_j G_ijk L_j h_l(k).
+    vec4 product[31 * 16];
+};
+layout(set = 0, binding = 6, std430) buffer State { vec4 state[]; };        // radiance, coverage
+layout(set = 0, binding = 7, std430) writeonly buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
+
+layout(push_constant) uniform Params {
+    vec3 origin;
+    float step_length;
+    vec3 corner;
+    float iso; // as the volume's image returns it
+    vec3 du;
+    float side; // 1: values rise into the surface; -1: the stored samples are negated values
+    vec3 dv;
+    uint width;
+    vec3 metric_diagonal;
+    uint first_row;
+    vec3 metric_cross;
+    uint rows;
+    uint first_step;
+    uint step_count;
+};
+#include "view.glsl"
+#include "sh_high.glsl"
+
+const int BISECTIONS = 12;
+const float INV_4PI = 0.07957747154594767;
+const float INV_PI = 0.3183098861837907;
+
+// D - iso, positive inside the surface; n: normalised coordinates.
+float above(vec3 n) {
+    return side * (textureLod(volume, n, 0.0).r - iso);
+}
+
+// World-space unit normal, pointing out of the surface; zero where the data is flat.
+vec3 outward_normal(vec3 n, vec3 dims) {
+    vec3 h = 1.0 / dims;
+    vec3 g = vec3(
+        above(n + vec3(h.x, 0.0, 0.0)) - above(n - vec3(h.x, 0.0, 0.0)),
+        above(n + vec3(0.0, h.y, 0.0)) - above(n - vec3(0.0, h.y, 0.0)),
+        above(n + vec3(0.0, 0.0, h.z)) - above(n - vec3(0.0, 0.0, h.z)));
+    vec3 w = -(mat3(voxel_to_world_normal) * g);
+    float l = length(w);
+    return l > 0.0 ? w / l : vec3(0.0);
+}
+
+vec3 light_group(vec4 v, uint row, uint g) {
+    uint k = row * 16u + 4u * g;
+    return v.x * product[k].rgb + v.y * product[k + 1u].rgb + v.z * product[k + 2u].rgb + v.w * product[k + 3u].rgb;
+}
+
+vec3 light_row(vec4 v[4], uint row) {
+    vec3 sum = light_group(v[0], row, 0u);
+    if (BANDS > 2) sum += light_group(v[1], row, 1u) + light_group(v[2], row, 2u);
+    if (BANDS > 3) sum += light_group(v[3], row, 3u);
+    return sum;
+}
+
+// The field at a surface point: trilinear among the eight cells around it, of which only those in vacuum count. A cell
+// centred inside the surface sees nothing and would say nothing about the light that falls on it.
+void surface_visibility(vec3 n, vec3 outward, vec3 dims, out vec4 v[4]) {
+    vec3 q = n * field_dims.xyz - 0.5;
+    for (int attempt = 0; attempt < 2; attempt++) {
+        vec3 base = floor(q);
+        vec3 f = q - base;
+        for (int g = 0; g < 4; g++) v[g] = vec4(0.0);
+        float weights = 0.0;
+        for (int i = 0; i < 8; i++) {
+            vec3 o = vec3(i & 1, (i >> 1) & 1, i >> 2);
+            vec3 c = clamp(base + o, vec3(0.0), field_dims.xyz - 1.0);
+            vec3 w3 = mix(1.0 - f, f, o);
+            float w = w3.x * w3.y * w3.z;
+            bool vacuum = above((c + 0.5) / field_dims.xyz) < 0.0;
+            if (w > 0.0 && (vacuum || attempt == 1)) {
+                ivec3 p = ivec3(c);
+                v[0] += w * decode(texelFetch(field0, p, 0), 0u);
+                if (BANDS > 2) v[1] += w * decode(texelFetch(field1, p, 0), 1u);
+                if (BANDS > 2) v[2] += w * decode(texelFetch(field2, p, 0), 2u);
+                if (BANDS > 3) v[3] += w * decode(texelFetch(field3, p, 0), 3u);
+                weights += w;
+            }
+        }
+        if (weights > 1e-4) {
+            for (int g = 0; g < 4; g++) v[g] /= weights;
+            break;
+        }
+        // No vacuum cell around: look one field cell further out, and take what is there.
+        q += outward;
+    }
+    if (BANDS == 1) v[0].yzw = vec3(0.0);
+}
+
+void main() {
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    if (pixel.x >= width || pixel.y >= rows) return;
+    uint slot = pixel.y * width + pixel.x;
+    if (first_step == 0u) {
+        state[slot] = vec4(0.0);
+        hit_distance[slot] = -1.0;
+    } else if (state[slot].a > 0.0) {
+        return;
+    }
+    vec3 dims = vec3(textureSize(volume, 0));
+    vec3 d = pixel_direction(pixel + uvec2(0u, first_row));
+    vec2 span = box_span(origin, d, dims);
+    float begin = max(span.x, 0.0);
+    float total = span.y - begin;
+    if (!(total > 0.0)) return;
+    uint steps = uint(ceil(total / step_length));
+    uint end = min(steps, first_step + step_count);
+    vec3 scale = 1.0 / dims;
+    vec3 p0 = (origin + d * begin) * scale;
+    vec3 dn = d * scale;
+
+    float lo = min(float(first_step) * step_length, total);
+    float hi = -1.0;
+    if (first_step < end) {
+        if (above(p0 + dn * lo) >= 0.0) {
+            hi = lo; // the volume's own face cuts the surface open
+        } else {
+            for (uint i = first_step + 1u; i <= end; i++) {
+                float t = min(float(i) * step_length, total);
+                if (above(p0 + dn * t) >= 0.0) {
+                    hi = t;
+                    break;
+                }
+                lo = t;
+            }
+        }
+    }
+    if (hi < 0.0) return;
+    bool cut_open = hi == lo;
+    for (int i = 0; i < BISECTIONS && !cut_open; i++) {
+        float middle = 0.5 * (lo + hi);
+        if (above(p0 + dn * middle) >= 0.0) hi = middle;
+        else lo = middle;
+    }
+    float t = 0.5 * (lo + hi);
+    vec3 n = p0 + dn * t;
+
+    vec3 normal = outward_normal(n, dims);
+    if (cut_open && t == 0.0 && span.x > 0.0) {
+        // The face through which the ray enters: its normal is a gradient of one coordinate.
+        vec3 a = min((vec3(0.0) - origin) / d, (dims - origin) / d);
+        vec3 axis = vec3(0.0);
+        if (a.x >= a.y && a.x >= a.z) axis.x = -sign(d.x);
+        else if (a.y >= a.z) axis.y = -sign(d.y);
+        else axis.z = -sign(d.z);
+        normal = normalize(mat3(voxel_to_world_normal) * axis);
+    }
+    if (normal == vec3(0.0)) {
+        // Flat data has no gradient: face the viewer. The ray in world space is M d = M^-T (M^T M d).
+        vec3 g = metric_diagonal * d + vec3(metric_cross.x * d.y + metric_cross.y * d.z, metric_cross.x * d.x + metric_cross.z * d.z,
+            metric_cross.y * d.x + metric_cross.z * d.y);
+        normal = -normalize(mat3(voxel_to_world_normal) * g);
+    }
+    // One field cell outwards, in cells: the world normal back to voxel space, its largest component made 1.
+    vec3 outward = transpose(mat3(voxel_to_world_normal)) * normal * scale * field_dims.xyz;
+    float largest = max(max(abs(outward.x), abs(outward.y)), abs(outward.z));
+    outward = largest > 0.0 ? outward / largest : vec3(0.0);
+
+    vec4 v[4];
+    surface_visibility(n, outward, dims, v);
+    vec3 radiance;
+    if (LAMBERT == 0u) {
+        radiance = INV_4PI * light_row(v, 0u);
+    } else {
+        float y[SH_HIGH_COUNT];
+        sh_even(normal, y);
+        vec3 sum = vec3(0.0);
+        for (uint k = 0u; k < uint(SH_HIGH_COUNT); k++) sum += y[k] * light_row(v, k);
+        radiance = INV_PI * sum;
+    }
+    state[slot] = vec4(albedo.rgb * max(radiance, vec3(0.0)), 1.0);
+    hit_distance[slot] = begin + t;
+}

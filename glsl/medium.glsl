@@ -1,0 +1,13 @@
+// The medium: scalar sample -> extinction. Needs in scope: sigma[] (TABLE_SIZE entries), map_scale, map_bias.
+
+// Table coordinate 0..TABLE_SIZE-1 of a sample as the image returns it.
+float table_coordinate(float d) {
+    return clamp(d * map_scale + map_bias, 0.0, float(TABLE_SIZE - 1));
+}
+
+// sigma_t [1/world unit] of a sample, linear between table entries.
+float extinction(float d) {
+    float u = table_coordinate(d);
+    uint i = min(uint(u), TABLE_SIZE - 2u);
+    return mix(sigma[i], sigma[i + 1u], u - float(i));
+}

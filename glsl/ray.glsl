@@ -1,0 +1,15 @@
+// Rays in voxel space: p + t*d, t in world units, d a voxel-space direction of world length 1.
+
+// No component of a direction is exactly 0, so that the slab test divides safely.
+vec3 safe_direction(vec3 d) {
+    return mix(d, vec3(1e-9), lessThan(abs(d), vec3(1e-9)));
+}
+
+// Where the ray enters and leaves the box 0..dims; x > y when it misses.
+vec2 box_span(vec3 p, vec3 d, vec3 dims) {
+    vec3 a = (vec3(0.0) - p) / d;
+    vec3 b = (dims - p) / d;
+    vec3 lo = min(a, b);
+    vec3 hi = max(a, b);
+    return vec2(max(max(lo.x, lo.y), lo.z), min(min(hi.x, hi.y), hi.z));
+}

@@ -1,0 +1,9 @@
+// The camera's rays in voxel space. Needs in scope: origin, corner, du, dv, metric_diagonal, metric_cross.
+
+// Direction of the ray through the centre of pixel (i, j), row 0 on top, scaled to world length 1.
+vec3 pixel_direction(uvec2 pixel) {
+    vec3 d = corner + float(pixel.x) * du + float(pixel.y) * dv;
+    // World length from the metric M^T M (diagonal, and xy, xz, yz).
+    float length2 = dot(metric_diagonal, d * d) + 2.0 * dot(metric_cross, vec3(d.x * d.y, d.x * d.z, d.y * d.z));
+    return safe_direction(d * inversesqrt(length2));
+}

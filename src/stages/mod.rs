@@ -1,0 +1,81 @@
+//! The straight line's stages, one file per kernel: the equation, `record()` for the device and `reference()`, the CPU
+//! twin in plain loops. `twin` and `directions` hold what they share.
+
+pub mod classify;
+pub mod directions;
+pub mod estimate;
+pub mod hierarchical;
+pub mod isosurface;
+pub mod march;
+pub mod minify;
+pub mod pack;
+pub mod raymarch;
+pub mod relight;
+pub mod twin;
+
+use crate::scene::{Grid, Samples, Volume};
+use crate::vk;
+
+/// How the volume's image encodes values: image sample x → value = scale·x + bias, in the data's unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Encoding {
+    /// Data units per image unit.
+    pub scale: f32,
+    /// Value at image sample 0.
+    pub bias: f32,
+}
+
+impl Encoding {
+    /// The encoding that `upload` uses for these samples: integers become 16-bit unorm (8 bits are spread exactly, since
+    /// some devices round the filtering of 8-bit images to 8 bits), floats stay floats.
+    pub fn of(volume: &Volume) -> Self {
+        let (slope, intercept) = volume.rescale();
+        let (scale, zero) = match volume.samples() {
+            Samples::U8(_) => (255.0, 0.0),
+            Samples::U16(_) => (65535.0, 0.0),
+            Samples::I16(_) => (65535.0, -32768.0),
+            Samples::F32(_) => (1.0, 0.0),
+        };
+        Self { scale: slope * scale, bias: slope * zero + intercept }
+    }
+
+    /// The image sample that stands for a value.
+    pub fn sample_of(&self, value: f32) -> f32 {
+        (value - self.bias) / self.scale
+    }
+
+    /// (map_scale, map_bias): image sample → table coordinate for a table over `lo..hi`.
+    pub fn table_map(&self, lo: f32, hi: f32) -> (f32, f32) {
+        let last = (crate::scene::transfer::TABLE_SIZE - 1) as f32;
+        if hi > lo { (self.scale / (hi - lo) * last, (self.bias - lo) / (hi - lo) * last) } else { (0.0, 0.0) }
+    }
+}
+
+/// A classified volume on the device: what the stages after classification read.
+pub struct MediumView<'a> {
+    /// Dims and place.
+    pub grid: &'a Grid,
+    /// Scalars.
+    pub volume: &'a vk::Image,
+    /// σ_t table, 1/world unit.
+    pub sigma: &'a vk::Buffer,
+    /// Albedo table.
+    pub albedo: &'a vk::Buffer,
+    /// Image sample → table coordinate.
+    pub map: (f32, f32),
+}
+
+/// (width, width·height …) of dims as the kernels take them.
+pub(crate) fn dims_u32(dims: [usize; 3]) -> [u32; 3] {
+    dims.map(|n| n as u32)
+}
+
+/// Dims as floats.
+pub(crate) fn dims_f32(dims: [usize; 3]) -> [f32; 3] {
+    dims.map(|n| n as f32)
+}
+
+/// Slices per dispatch so that a dispatch touches at most `voxels` voxels.
+pub(crate) fn slab(dims: [u32; 3], voxels: u64) -> u32 {
+    (voxels / (u64::from(dims[0]) * u64::from(dims[1])).max(1)).clamp(1, u64::from(dims[2])) as u32
+}

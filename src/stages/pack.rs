@@ -1,0 +1,105 @@
+//! pack: sums of V·Y_lm → the four packed images of the field.
+//!
+//! v₀₀ ∈ [0, 2√π] and |v_lm| ≤ ½∫|Y_lm|dω = R_lm: each coefficient is quantised over exactly its own range. For l > 0
+//! code 2^(bits−1) is zero and codes 2^(bits−1) ± (2^(bits−1) − 1) are ±R_lm, so that an empty neighbourhood stays
+//! exactly uncoloured. 32 bits keep the float.
+
+use super::dims_u32;
+use super::estimate::Run;
+use crate::error::Result;
+use crate::kernels::constants::PACK_RANGE;
+use crate::kernels::pack as kernel;
+use crate::vk::{Format, Image, Recorder};
+
+/// Images of a field: coefficients 4g..4g+3 lie in image g.
+pub const GROUPS: usize = 4;
+
+/// Groups that `bands` fill: 1, 1, 3 or 4.
+pub fn groups(bands: u32) -> usize {
+    ((bands * bands) as usize).div_ceil(4)
+}
+
+/// (format that `pack` stores, format that reads as 0..1 or float) of a field image. A single coefficient has an image
+/// of a single component.
+pub fn formats(bands: u32, bits: u32) -> (Format, Format) {
+    match (bits, bands) {
+        (8, 1) => (Format::R8Uint, Format::R8Unorm),
+        (8, _) => (Format::R32Uint, Format::Rgba8Unorm),
+        (16, 1) => (Format::R16Uint, Format::R16Unorm),
+        (16, _) => (Format::Rg32Uint, Format::Rgba16Unorm),
+        (_, 1) => (Format::R32Uint, Format::R32Sfloat),
+        _ => (Format::Rgba32Uint, Format::Rgba32Sfloat),
+    }
+}
+
+/// Records the packing of `run`'s cells; sums must be readable, the images ready for stores.
+///
+/// # Errors
+/// What the recorder refuses.
+pub fn record(rec: &mut Recorder, run: &Run, bits: u32, images: [&Image; GROUPS]) -> Result<()> {
+    rec.dispatch(
+        &kernel::Bindings {
+            cells: run.cells,
+            sums: run.sums,
+            field0: images[0].storage(0),
+            field1: images[1].storage(0),
+            field2: images[2].storage(0),
+            field3: images[3].storage(0),
+        },
+        &kernel::Spec { bands: run.bands, bits },
+        &kernel::Params {
+            field_dims: dims_u32(run.field_dims),
+            cell_count: run.cell_count,
+            capacity: run.capacity,
+            weight: 4.0 * std::f32::consts::PI / run.pattern_size as f32,
+        },
+        [run.cell_count, 1, 1],
+    )
+}
+
+/// The twin: codes of 16 coefficients (at 32 bits: their bit patterns). Coefficients beyond `bands`² count as 0.
+pub fn reference(v: &[f32; 16], bands: u32, bits: u32) -> [u32; 16] {
+    std::array::from_fn(|i| {
+        let x = if i < (bands * bands) as usize && !v[i].is_nan() { v[i] } else { 0.0 };
+        if bits == 32 {
+            return x.to_bits();
+        }
+        let top = ((1u64 << bits) - 1) as f32;
+        let zero = (1u64 << (bits - 1)) as f32;
+        let code = if i == 0 {
+            (x / PACK_RANGE[0] * top).round_ties_even().clamp(0.0, top)
+        } else {
+            (x / PACK_RANGE[i] * (zero - 1.0)).round_ties_even().clamp(1.0 - zero, zero - 1.0) + zero
+        };
+        code as u32
+    })
+}
+
+/// The coefficients that 16 codes stand for.
+pub fn decode(codes: &[u32; 16], bits: u32) -> [f32; 16] {
+    std::array::from_fn(|i| {
+        if bits == 32 {
+            return f32::from_bits(codes[i]);
+        }
+        let top = ((1u64 << bits) - 1) as f32;
+        let zero = (1u64 << (bits - 1)) as f32;
+        let code = codes[i] as f32;
+        if i == 0 { code / top * PACK_RANGE[0] } else { (code - zero) / (zero - 1.0) * PACK_RANGE[i] }
+    })
+}
+
+/// Codes of coefficients 4g.. of every cell from the bytes of field image g, as stored by the kernel.
+pub fn unpack_image(bytes: &[u8], bands: u32, bits: u32) -> Vec<[u32; 4]> {
+    let per_code = (bits / 8) as usize;
+    let codes = if bands == 1 { 1 } else { 4 };
+    bytes
+        .chunks_exact(per_code * codes)
+        .map(|texel| {
+            let mut out = [if bits == 32 { 0 } else { 1 << (bits - 1) }; 4];
+            for (code, b) in out.iter_mut().zip(texel.chunks_exact(per_code)) {
+                *code = b.iter().rev().fold(0, |n, &byte| n << 8 | u32::from(byte));
+            }
+            out
+        })
+        .collect()
+}

@@ -1,0 +1,152 @@
+//! raymarch: direct volume rendering. L = Σ T α S front to back, α = 1 − exp(−σ_t Δs) for any step Δs (midpoint rule,
+//! classification after interpolation), S = ϖ · irradiance; a ray ends when T ≤ 10⁻³.
+
+use super::{MediumView, twin};
+use crate::error::Result;
+use crate::kernels::raymarch as kernel;
+use crate::scene::transfer::Table;
+use crate::scene::{Grid, Volume, camera::Rays};
+use crate::vk::{Buffer, Image, Recorder};
+
+/// The camera's rays in voxel space, single precision as the kernels take them. The ray through pixel (i, j), row 0 on
+/// top, runs along corner + i·du + j·dv.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// The eye, voxel coordinates.
+    pub origin: [f32; 3],
+    /// Direction through the centre of the upper left pixel.
+    pub corner: [f32; 3],
+    /// Change of direction per pixel to the right.
+    pub du: [f32; 3],
+    /// Change of direction per row down.
+    pub dv: [f32; 3],
+    /// xx, yy, zz of the grid's metric.
+    pub metric_diagonal: [f32; 3],
+    /// xy, xz, yz of the grid's metric.
+    pub metric_cross: [f32; 3],
+}
+
+impl View {
+    /// The rays of a camera over `grid`.
+    pub fn new(grid: &Grid, rays: &Rays) -> Self {
+        let g = grid.metric();
+        Self {
+            origin: rays.origin_voxel.map(|v| v as f32),
+            corner: rays.corner.map(|v| v as f32),
+            du: rays.du.map(|v| v as f32),
+            dv: rays.dv.map(|v| v as f32),
+            metric_diagonal: [g.x_axis.x as f32, g.y_axis.y as f32, g.z_axis.z as f32],
+            metric_cross: [g.x_axis.y as f32, g.x_axis.z as f32, g.y_axis.z as f32],
+        }
+    }
+
+    /// The twin of `pixel_direction` in `view.glsl`.
+    pub fn direction(&self, i: usize, j: usize) -> [f32; 3] {
+        let (u, v) = (i as f32, j as f32);
+        let d: [f32; 3] = std::array::from_fn(|a| self.corner[a] + u * self.du[a] + v * self.dv[a]);
+        let mut length2 = 2.0 * (self.metric_cross[0] * d[0] * d[1] + self.metric_cross[1] * d[0] * d[2] + self.metric_cross[2] * d[1] * d[2]);
+        for a in 0..3 {
+            length2 += self.metric_diagonal[a] * d[a] * d[a];
+        }
+        let scale = 1.0 / length2.sqrt();
+        d.map(|x| if (x * scale).abs() < 1e-9 { 1e-9 } else { x * scale })
+    }
+}
+
+/// Which part of a picture a dispatch renders: some rows, and of each ray some steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Pixels per row.
+    pub width: u32,
+    /// First row.
+    pub first_row: u32,
+    /// Rows.
+    pub rows: u32,
+    /// First step of each ray; 0 begins new pixels.
+    pub first_step: u32,
+    /// Steps at most.
+    pub step_count: u32,
+}
+
+/// Records one part; `state` (rows × width vec4: radiance and transmittance) is read and written, the caller puts
+/// barriers on it.
+///
+/// # Errors
+/// What the recorder refuses.
+pub fn record(
+    rec: &mut Recorder,
+    medium: &MediumView,
+    irradiance: &Image,
+    view: &View,
+    part: Part,
+    step_length: f64,
+    state: &Buffer,
+) -> Result<()> {
+    rec.dispatch(
+        &kernel::Bindings {
+            volume: medium.volume.sampled(),
+            sigma: medium.sigma,
+            albedo: medium.albedo,
+            irradiance: irradiance.sampled(),
+            state,
+        },
+        &kernel::Spec::default(),
+        &kernel::Params {
+            origin: view.origin,
+            step_length: step_length as f32,
+            corner: view.corner,
+            map_scale: medium.map.0,
+            du: view.du,
+            map_bias: medium.map.1,
+            dv: view.dv,
+            width: part.width,
+            metric_diagonal: view.metric_diagonal,
+            first_row: part.first_row,
+            metric_cross: view.metric_cross,
+            rows: part.rows,
+            first_step: part.first_step,
+            step_count: part.step_count,
+        },
+        [part.width, part.rows, 1],
+    )
+}
+
+/// The twin: radiance and transmittance of one pixel. `irradiance(p)` is S/ϖ at voxel coordinates p.
+pub fn reference(
+    volume: &Volume,
+    table: &Table,
+    view: &View,
+    pixel: [usize; 2],
+    step_length: f64,
+    irradiance: impl Fn([f32; 3]) -> [f32; 3],
+) -> [f32; 4] {
+    let dims = volume.grid().dims();
+    let step = step_length as f32;
+    let d = view.direction(pixel[0], pixel[1]);
+    let (enter, leave) = twin::box_span(view.origin, d, dims);
+    let begin = enter.max(0.0);
+    let total = leave - begin;
+    let mut out = [0.0, 0.0, 0.0, 1.0];
+    if !(total > 0.0) {
+        return out;
+    }
+    for i in 0..(total / step).ceil() as u32 {
+        if out[3] <= 1e-3 {
+            break;
+        }
+        let t = i as f32 * step;
+        let ds = step.min(total - t);
+        let p = twin::along(view.origin, d, begin + t + 0.5 * ds);
+        let value = twin::sample(volume, p);
+        let sigma = twin::extinction(table, value);
+        if sigma > 0.0 {
+            let alpha = 1.0 - (-sigma * ds).exp();
+            let (albedo, light) = (twin::albedo(table, value), irradiance(p));
+            for c in 0..3 {
+                out[c] += out[3] * alpha * albedo[c] * light[c].max(0.0);
+            }
+            out[3] *= 1.0 - alpha;
+        }
+    }
+    out
+}

@@ -1,0 +1,62 @@
+//! relight: field × light → irradiance volume. S/ϖ = (1/4π) Σ_lm v_lm L_lm per colour channel: radiance scattered by an
+//! isotropic medium of albedo 1. Both the dot product and interpolation are linear, so folding the light in first and
+//! filtering afterwards is exact. Alpha holds the mean visibility v₀₀/(2√π).
+
+use super::pack::GROUPS;
+use super::slab;
+use crate::error::Result;
+use crate::kernels::relight as kernel;
+use crate::vk::{Access, Buffer, Image, Recorder};
+
+/// Cells per dispatch.
+const CELLS: u64 = 1 << 20;
+
+/// Records the irradiance (rgba16f, dims of the field); `images` must be readable through `views`' format, `light` holds
+/// 16 vec4. `irradiance` must be ready for stores and is left as just written.
+///
+/// # Errors
+/// What the recorder refuses.
+pub fn record(
+    rec: &mut Recorder,
+    images: [&Image; GROUPS],
+    view: crate::vk::Format,
+    light: &Buffer,
+    irradiance: &Image,
+    bands: u32,
+    bits: u32,
+) -> Result<()> {
+    let dims = irradiance.dims();
+    let slices = slab(dims, CELLS);
+    for first_slice in (0..dims[2]).step_by(slices as usize) {
+        if first_slice > 0 {
+            // Slabs do not overlap; levels are tracked whole.
+            rec.barrier(&[irradiance.mip(0).from(Access::ComputeWrite).to(Access::ComputeWrite)]);
+        }
+        rec.dispatch(
+            &kernel::Bindings {
+                field0: images[0].sampled_as(view),
+                field1: images[1].sampled_as(view),
+                field2: images[2].sampled_as(view),
+                field3: images[3].sampled_as(view),
+                light,
+                irradiance: irradiance.storage(0),
+            },
+            &kernel::Spec { bands, bits },
+            &kernel::Params { field_dims: dims, first_slice },
+            [dims[0], dims[1], slices.min(dims[2] - first_slice)],
+        )?;
+    }
+    Ok(())
+}
+
+/// The twin: (S/ϖ, mean visibility) of one cell from its coefficients and the light's.
+pub fn reference(v: &[f32; 16], light: &[[f32; 3]; 16]) -> [f32; 4] {
+    let mut sum = [0f32; 3];
+    for (v, l) in v.iter().zip(light) {
+        for c in 0..3 {
+            sum[c] += v * l[c];
+        }
+    }
+    let s = sum.map(|s| (s / (4.0 * std::f32::consts::PI)).clamp(-65504.0, 65504.0));
+    [s[0], s[1], s[2], v[0] / (2.0 * std::f32::consts::PI.sqrt())]
+}

@@ -1,0 +1,99 @@
+//! What the CPU twins share: sampling of volumes and tables in plain loops, in single precision as the kernels.
+
+use crate::scene::transfer::{TABLE_SIZE, Table};
+use crate::scene::{Grid, Volume};
+
+/// Voxel (x, y, z) with coordinates clamped to the volume.
+pub fn fetch(volume: &Volume, p: [i64; 3]) -> f32 {
+    let d = volume.grid().dims();
+    let c = |a: usize| p[a].clamp(0, d[a] as i64 - 1) as usize;
+    volume.value(c(0) + d[0] * (c(1) + d[1] * c(2)))
+}
+
+/// Trilinear value at voxel coordinates `p`, clamped to the edge; `get` returns a texel by (clamped) index.
+pub fn trilinear(dims: [usize; 3], p: [f32; 3], get: impl Fn([usize; 3]) -> f32) -> f32 {
+    let mut lo = [0usize; 3];
+    let mut hi = [0usize; 3];
+    let mut f = [0f32; 3];
+    for a in 0..3 {
+        let q = p[a] - 0.5;
+        let base = q.floor();
+        f[a] = q - base;
+        lo[a] = (base as i64).clamp(0, dims[a] as i64 - 1) as usize;
+        hi[a] = (base as i64 + 1).clamp(0, dims[a] as i64 - 1) as usize;
+    }
+    let mut sum = 0.0;
+    for i in 0..8 {
+        let mut w = 1.0;
+        let mut at = [0usize; 3];
+        for a in 0..3 {
+            let upper = i >> a & 1 == 1;
+            w *= if upper { f[a] } else { 1.0 - f[a] };
+            at[a] = if upper { hi[a] } else { lo[a] };
+        }
+        if w != 0.0 {
+            sum += w * get(at);
+        }
+    }
+    sum
+}
+
+/// Trilinear value of a volume at voxel coordinates.
+pub fn sample(volume: &Volume, p: [f32; 3]) -> f32 {
+    let d = volume.grid().dims();
+    trilinear(d, p, |q| volume.value(q[0] + d[0] * (q[1] + d[1] * q[2])))
+}
+
+/// Table entry below a value, and the weight of the next.
+pub fn table_position(table: &Table, value: f32) -> (usize, f32) {
+    let last = (TABLE_SIZE - 1) as f32;
+    let u = if table.hi > table.lo { ((value - table.lo) / (table.hi - table.lo) * last).clamp(0.0, last) } else { 0.0 };
+    let i = (u as usize).min(TABLE_SIZE - 2);
+    (i, u - i as f32)
+}
+
+/// σ_t [1/world unit] of a value, linear between table entries.
+pub fn extinction(table: &Table, value: f32) -> f32 {
+    let (i, f) = table_position(table, value);
+    table.sigma[i] + (table.sigma[i + 1] - table.sigma[i]) * f
+}
+
+/// Albedo of a value.
+pub fn albedo(table: &Table, value: f32) -> [f32; 3] {
+    let (i, f) = table_position(table, value);
+    std::array::from_fn(|c| table.albedo[i][c] + (table.albedo[i + 1][c] - table.albedo[i][c]) * f)
+}
+
+/// p + t·d.
+pub fn along(p: [f32; 3], d: [f32; 3], t: f32) -> [f32; 3] {
+    std::array::from_fn(|a| p[a] + t * d[a])
+}
+
+/// World distance from p (inside) along d (voxel space, world length 1) to where the ray leaves the box 0..dims.
+pub fn exit_distance(p: [f32; 3], d: [f32; 3], dims: [usize; 3]) -> f32 {
+    let mut t = f32::INFINITY;
+    for a in 0..3 {
+        let wall = if d[a] > 0.0 { dims[a] as f32 } else { 0.0 };
+        t = t.min((wall - p[a]) / d[a]);
+    }
+    t.max(0.0)
+}
+
+/// Where a ray from outside enters and leaves the box 0..dims (world distance); first > second when it misses.
+pub fn box_span(p: [f32; 3], d: [f32; 3], dims: [usize; 3]) -> (f32, f32) {
+    let (mut enter, mut leave) = (f32::NEG_INFINITY, f32::INFINITY);
+    for a in 0..3 {
+        let (t0, t1) = ((0.0 - p[a]) / d[a], (dims[a] as f32 - p[a]) / d[a]);
+        enter = enter.max(t0.min(t1));
+        leave = leave.min(t0.max(t1));
+    }
+    (enter, leave)
+}
+
+/// Centre of field cell `cell` (linear index) in voxel coordinates.
+pub fn cell_centre(grid: &Grid, field_dims: [usize; 3], cell: u32) -> [f32; 3] {
+    let c = cell as usize;
+    let at = [c % field_dims[0], c / field_dims[0] % field_dims[1], c / field_dims[0] / field_dims[1]];
+    let n = grid.dims();
+    std::array::from_fn(|a| (at[a] as f32 + 0.5) * (n[a] as f32 / field_dims[a] as f32))
+}
