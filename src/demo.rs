@@ -92,6 +92,12 @@ fn rounded_box(p: DVec3, half: DVec3, radius: f64) -> f64 {
     q.max(DVec3::ZERO).length() + q.max_element().min(0.0) - radius
 }
 
+/// What is seen beside the block, linear radiance.
+pub const BACKGROUND: [f32; 3] = [0.045, 0.05, 0.06];
+
+/// Exposure of the demo pictures, stops.
+pub const EXPOSURE: f64 = 0.0;
+
 /// The translucent view: the block as haze, the metal dense in it.
 ///
 /// # Errors
