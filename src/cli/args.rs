@@ -138,7 +138,7 @@ fn scene_args(only: &[&str]) -> Vec<Arg> {
                 .long(k.name)
                 .value_name(k.value)
                 .help(format!("{}{default}", k.help))
-                .help_heading(format!("Scene: [{table}]"))
+                .help_heading(heading(table))
                 .hide_short_help(only.is_empty())
                 .action(ArgAction::Append)
                 .allow_negative_numbers(true)
@@ -152,6 +152,20 @@ fn scene_args(only: &[&str]) -> Vec<Arg> {
             .action(ArgAction::Append),
     );
     args
+}
+
+/// The table's heading in the help; clap wants it static.
+fn heading(table: &str) -> &'static str {
+    match table {
+        "volume" => "Scene: [volume]",
+        "transfer" => "Scene: [transfer]",
+        "surface" => "Scene: [surface]",
+        "light" => "Scene: [light]",
+        "visibility" => "Scene: [visibility]",
+        "camera" => "Scene: [camera]",
+        "image" => "Scene: [image]",
+        _ => "Scene",
+    }
 }
 
 /// "512M", "1.5GiB", "1000000": bytes; K, M, G, T count in 1024s.
@@ -173,6 +187,7 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -40,8 +40,9 @@ impl From<clap::Error> for Failure {
         let text = error.render().to_string();
         // Clap's paragraphs become one sentence; its usage block is a --help away.
         let end = ["\n\nUsage:", "\n\nFor more"].iter().filter_map(|m| text.find(m)).min().unwrap_or(text.len());
-        let words: Vec<&str> = text[..end].trim_start_matches("error: ").split_whitespace().collect();
-        Self::usage(format!("{}; see halflight --help", words.join(" ")))
+        let words = |paragraph: &str| paragraph.split_whitespace().collect::<Vec<_>>().join(" ");
+        let parts: Vec<String> = text[..end].trim_start_matches("error: ").split("\n\n").map(words).collect();
+        Self::usage(format!("{}; see halflight --help", parts.join("; ")))
     }
 }
 

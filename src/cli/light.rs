@@ -29,9 +29,12 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut scene: Scene = io::scene_of_volume(path, &pairs)?;
     scene.light.source = LightSource::Probe(path.to_owned());
     let output = match m.get_one::<std::path::PathBuf>("out") {
-        Some(out) => Some(Output::check(out, PICTURES, &[path])?),
+        Some(out) => Some(Output::check(out, PICTURES)?),
         None => None,
     };
+    if let Some(output) = &output {
+        output.is_none_of(&[path])?;
+    }
     let probe = io::read_probe(path)?;
     let light = scene.light.prepare(&Light::from_probe(&probe));
 

@@ -53,7 +53,9 @@ pub fn load(scene: &Scene) -> Result<Loaded, Failure> {
         && !(f64::from(lo)..=f64::from(hi)).contains(&surface.iso)
     {
         let what = format!("is {}, outside the data's range {lo} to {hi}", surface.iso);
-        return Err(scene.origins.error("surface.iso", what, "choose a value within the range").into());
+        let error = scene.origins.error("surface.iso", what, "choose a value within the range");
+        // Only the data shows it: bad input, wherever the value was written.
+        return Err(Failure { code: 3, sentence: error.to_string() });
     }
     let matter = Matter { transfer, surface: scene.surface };
     if matter.is_vacuum([lo, hi], volume.grid()) {

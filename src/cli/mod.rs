@@ -71,7 +71,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return say(e.render().to_string().trim_end());
         }
-        Err(e) if e.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+        Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
             return Err(Failure::usage("a command is missing: demo, info, light, precompute, render or devices; see halflight --help"));
         }
         Err(e) => return Err(e.into()),

@@ -22,8 +22,8 @@ pub struct Output {
 }
 
 impl Output {
-    /// Checks extension and folder of `path`, and that it is none of the `inputs`.
-    pub fn check(path: &Path, kinds: &[(&str, Kind)], inputs: &[&Path]) -> Result<Self, Failure> {
+    /// Checks extension and folder of `path`.
+    pub fn check(path: &Path, kinds: &[(&str, Kind)]) -> Result<Self, Failure> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         let Some((_, kind)) = kinds.iter().find(|(name, _)| *name == extension) else {
             let names: Vec<String> = kinds.iter().map(|(name, _)| format!(".{name}")).collect();
@@ -33,11 +33,16 @@ impl Output {
             return Err(Failure::usage(format!("{}: is a folder; name a file", path.display())));
         }
         check_folder(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
-        let same = |a: &Path| matches!((a.canonicalize(), path.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        if inputs.iter().any(|i| same(i)) {
-            return Err(Failure::usage(format!("{}: is an input of this command; name another output", path.display())));
-        }
         Ok(Self { path: path.to_owned(), kind: *kind })
+    }
+
+    /// Refuses to overwrite what the command reads.
+    pub fn is_none_of(&self, inputs: &[&Path]) -> Result<(), Failure> {
+        let same = |input: &Path| matches!((input.canonicalize(), self.path.canonicalize()), (Ok(a), Ok(b)) if a == b);
+        if inputs.iter().any(|i| same(i)) {
+            return Err(Failure::usage(format!("{}: is an input of this command; name another output", self.path.display())));
+        }
+        Ok(())
     }
 
     /// The picture, as the extension says. `meta` goes into the file's header.
@@ -55,8 +60,10 @@ pub const PICTURES: &[(&str, Kind)] = &[("exr", Kind::Exr), ("png", Kind::Png)];
 
 /// Whether files can be made in `folder`; says so now rather than after the work.
 pub fn check_folder(folder: &Path) -> Result<(), Failure> {
+    let fail = |source| Error::Io { path: folder.to_owned(), action: "write into this folder", source };
+    std::fs::read_dir(folder).map_err(fail)?;
     match tempfile::Builder::new().prefix(".halflight-").tempfile_in(folder) {
         Ok(_) => Ok(()),
-        Err(source) => Err(Error::Io { path: folder.to_owned(), action: "write into this folder", source }.into()),
+        Err(source) => Err(fail(source).into()),
     }
 }

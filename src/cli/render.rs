@@ -12,7 +12,7 @@ use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, precompute_memory};
 use halflight::error::bytes;
 use halflight::io;
-use halflight::scene::scene::{Background, fill_background};
+use halflight::scene::scene::{Background, LightSource, fill_background};
 use halflight::scene::{Picture, Samples, Scene};
 use serde_json::json;
 use std::path::Path;
@@ -60,10 +60,13 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 fn asked(m: &ArgMatches, kinds: &[(&str, Kind)]) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
-    let out = path_of(m, "out")?;
+    let output = Output::check(path_of(m, "out")?, kinds)?;
     let scene = load::scene(path, &overrides)?;
-    let inputs: [&Path; 2] = [path, &scene.volume.file];
-    let output = Output::check(out, kinds, &inputs)?;
+    let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
+    if let LightSource::Probe(probe) = &scene.light.source {
+        inputs.push(probe);
+    }
+    output.is_none_of(&inputs)?;
     Ok((scene, output))
 }
 

@@ -1,0 +1,239 @@
+//! The command as its users meet it: exit codes, sentences, JSON.
+#![cfg(feature = "cli")]
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// A folder of this test's own, gone at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("halflight-cli-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        std::fs::write(self.0.join(name), content).unwrap();
+        self.0.join(name)
+    }
+
+    /// A 4x3x2 volume, sample = index.
+    fn volume(&self) -> PathBuf {
+        let mut bytes = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 4 3 2\nencoding: raw\n\n".to_vec();
+        bytes.extend(0..24u8);
+        self.file("v.nrrd", bytes)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn halflight(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_halflight")).current_dir(folder).args(arguments).env_remove("RUST_LOG").output().unwrap()
+}
+
+/// Runs and expects `code` and one sentence on stderr with `part` in it; stdout stays empty. Nothing is left behind.
+fn fails(folder: &Folder, arguments: &[&str], code: i32, part: &str) {
+    let before = names(&folder.0);
+    let out = halflight(&folder.0, arguments);
+    let stderr = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(code), "{arguments:?}: {stderr}");
+    assert!(stderr.starts_with("halflight: ") && stderr.contains(part), "{arguments:?}: {stderr}");
+    assert_eq!(stderr.trim_end().lines().count(), 1, "{stderr}");
+    assert!(out.stdout.is_empty(), "{arguments:?}");
+    assert_eq!(names(&folder.0), before, "{arguments:?} left something behind");
+    // The same as JSON: one object, the same sentence and code.
+    let mut arguments = arguments.to_vec();
+    arguments.push("--json");
+    let out = halflight(&folder.0, &arguments);
+    let object: Value = serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{arguments:?}: {e}"));
+    assert_eq!(object["code"], code);
+    assert_eq!(format!("halflight: {}", object["error"].as_str().unwrap()), stderr.trim_end());
+}
+
+fn names(folder: &Path) -> Vec<PathBuf> {
+    let mut names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn wrong_usage_is_2() {
+    let f = Folder::new("usage");
+    f.volume();
+    f.file("s.toml", "[volume]\nfile = 'v.nrrd'\n[transfer]\npoints = [[0, 1, 1, 1, 0], [9, 1, 1, 1, 1]]");
+    std::fs::create_dir(f.0.join("d.png")).unwrap();
+    let cases: &[(&[&str], &str)] = &[
+        (&[], "a command is missing: demo, info, light, precompute, render or devices"),
+        (&["rendr"], "unrecognized subcommand 'rendr'"),
+        (&["render", "v.nrrd"], "--out <FILE>"),
+        (&["render", "v.nrrd", "-o", "x.jpg"], "x.jpg: its extension must be .exr or .png"),
+        (&["render", "v.nrrd", "-o", "x"], "x: its extension must be .exr or .png"),
+        (&["precompute", "v.nrrd", "-o", "x.exr"], "x.exr: its extension must be .nrrd"),
+        // The output is looked at before the input.
+        (&["render", "missing.nrrd", "-o", "x.gif"], "x.gif: its extension must be"),
+        (&["render", "v.nrrd", "-o", "d.png"], "d.png: is a folder; name a file"),
+        (&["precompute", "v.nrrd", "-o", "v.nrrd"], "v.nrrd: is an input of this command"),
+        (
+            &["render", "v.nrrd", "-o", "x.png", "--visibility.ratio", "3"],
+            "command line: `visibility.ratio` is 1:3; it must be 1, 2, 4 or 8",
+        ),
+        (&["render", "s.toml", "-o", "x.png", "--set", "image.width=0"], "command line: `image.width` is 0; it must be 1 to 16384"),
+        (&["render", "s.toml", "-o", "x.png", "--image.height", "99999999999"], "command line: `image.height` is 99999999999"),
+        (&["render", "s.toml", "-o", "x.png", "--set", "image.with=3"], "`image.with` is unknown; did you mean `image.width`?"),
+        (&["render", "s.toml", "-o", "x.png", "--image.with", "3"], "'--image.width'"),
+        (&["render", "s.toml", "-o", "x.png", "--set", "image.width"], "--set image.width has no `=`"),
+        (&["render", "s.toml", "-o", "x.png", "--camera.up", "[0, 0, 0]"], "`camera.up` is [0, 0, 0]"),
+        (&["render", "s.toml", "-o", "x.png", "--nan-as", "nan"], "command line: `volume.nan_as` is nan"),
+        (&["devices", "--memory", "12Q"], "the unit 'Q' is unknown; use K, M, G or T"),
+        (&["devices", "--threads", "0"], "'--threads <N>'"),
+        (&["light", "v.nrrd", "-o", "x.nrrd"], "x.nrrd: its extension must be .exr or .png"),
+    ];
+    for (arguments, part) in cases {
+        fails(&f, arguments, 2, part);
+    }
+}
+
+#[test]
+fn bad_input_is_3() {
+    let f = Folder::new("input");
+    f.volume();
+    f.file("s.toml", "[volume]\nfile = 'v.nrrd'\n[surface]\niso = 99");
+    f.file("gone.toml", "[volume]\nfile = 'gone.nrrd'");
+    f.file("key.toml", "[volume]\nfile = 'v.nrrd'\n[camera]\nfovv = 3");
+    f.file("light.toml", "[volume]\nfile = 'v.nrrd'\n[light]\nprobe = 'v.nrrd'");
+    f.file("look.toml", "[volume]\nfile = 'v.nrrd'\n[camera]\nposition = [1, 1, 1]\ntarget = [1, 1, 1]");
+    f.file("syntax.toml", "[volume\n");
+    f.file("short.nrrd", "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 4 3 2\nencoding: raw\n\nabc");
+    f.file("nonsense.nrrd", "what?");
+    let mut nan = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 2 1 1\nencoding: raw\nendian: little\n\n".to_vec();
+    nan.extend([1f32, f32::NAN].iter().flat_map(|v| v.to_le_bytes()));
+    f.file("nan.nrrd", nan);
+    f.file("raw.bin", [0u8; 24]);
+    let cases: &[(&[&str], &str)] = &[
+        (&["render", "missing.nrrd", "-o", "x.png"], "missing.nrrd: cannot open"),
+        (&["render", "missing.toml", "-o", "x.png"], "missing.toml: cannot open"),
+        (&["render", "gone.toml", "-o", "x.png"], "gone.nrrd: cannot open"),
+        (&["render", "s.toml", "-o", "x.png"], "s.toml line 4: `surface.iso` is 99, outside the data's range 0 to 23; choose a value"),
+        (&["render", "v.nrrd", "--surface.iso", "-1", "-o", "x.png"], "command line: `surface.iso` is -1, outside the data's range"),
+        (&["render", "key.toml", "-o", "x.png"], "key.toml line 4: `camera.fovv` is unknown; did you mean `camera.fov`?"),
+        (&["render", "look.toml", "-o", "x.png"], "look.toml line 4: `camera.position` "),
+        (&["render", "syntax.toml", "-o", "x.png"], "syntax.toml: line 1: "),
+        (&["render", "light.toml", "-o", "x.png"], "v.nrrd: "),
+        (&["render", "v.nrrd", "-o", "no/such/x.png"], "no/such: cannot write into this folder"),
+        (&["precompute", "short.nrrd", "-o", "x.nrrd"], "short.nrrd: "),
+        (&["info", "nonsense.nrrd"], "nonsense.nrrd: "),
+        (&["info", "missing"], "missing: cannot open"),
+        (&["info", "."], ".: cannot "),
+        (&["info", "nan.nrrd"], "--nan-as"),
+        (&["info", "raw.bin", "--volume.dims", "[5, 5, 5]", "--volume.type", "uint8"], "raw.bin: "),
+        (&["light", "v.nrrd"], "v.nrrd: "),
+        (&["light", "missing.hdr"], "missing.hdr: cannot open"),
+    ];
+    for (arguments, part) in cases {
+        fails(&f, arguments, 3, part);
+    }
+}
+
+#[test]
+fn info_describes_volumes_and_scenes() {
+    let f = Folder::new("info");
+    f.volume();
+    let json = |arguments: &[&str]| -> Value {
+        let out = halflight(&f.0, arguments);
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let v = json(&["info", "v.nrrd", "--json"]);
+    assert_eq!((&v["kind"], &v["volume"]["dims"]), (&"volume".into(), &serde_json::json!([4, 3, 2])));
+    assert_eq!(v["volume"]["range"], serde_json::json!([0.0, 23.0]));
+    f.file("r.bin", (0..24u8).collect::<Vec<_>>());
+    let raw = json(&["--json", "info", "r.bin", "--volume.dims", "[2, 3, 2]", "--set", "volume.type=int16", "--volume.endian=big"]);
+    // Big-endian pairs (0, 1), (2, 3), …, (22, 23).
+    assert_eq!(raw["volume"]["range"], serde_json::json!([1.0, 22.0 * 256.0 + 23.0]));
+    f.file("s.toml", "volume.file = 'v.nrrd'\nvisibility.ratio = 2\ncamera.fov = 50");
+    let s = json(&["info", "s.toml", "--camera.fov", "40", "--json"]);
+    assert_eq!((&s["kind"], &s["camera"]["fov"]), (&"scene".into(), &serde_json::json!(40.0)));
+    assert_eq!((&s["field"]["dims"], &s["given"]["camera.fov"]), (&serde_json::json!([2, 2, 1]), &"command line".into()));
+    let text = String::from_utf8(halflight(&f.0, &["info", "v.nrrd"]).stdout).unwrap();
+    assert!(text.contains("4x3x2 uint8, 24 B") && text.contains("0 to 23"), "{text}");
+    let mut nan = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 2 1 1\nencoding: raw\nendian: little\n\n".to_vec();
+    nan.extend([1f32, f32::NAN].iter().flat_map(|v| v.to_le_bytes()));
+    f.file("nan.nrrd", nan);
+    // It also says on stderr that samples were replaced.
+    let out = halflight(&f.0, &["info", "nan.nrrd", "--nan-as", "-5", "--json"]);
+    let v: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(v["volume"]["range"], serde_json::json!([-5.0, 1.0]));
+}
+
+#[test]
+fn light_projects_a_probe() {
+    let f = Folder::new("light");
+    // 8x4 Radiance pixels of (1, ½, ¼): mantissas 128, 64, 32 at exponent 129 (2^(129−136) = 1/128).
+    let mut hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".to_vec();
+    hdr.extend([128, 64, 32, 129].repeat(32));
+    f.file("grey.hdr", hdr);
+    let out = halflight(&f.0, &["light", "grey.hdr", "--json", "--light.scale", "2", "-o", "both.png"]);
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    let v: Value = serde_json::from_slice(&out.stdout).unwrap();
+    // A constant's only coefficient is 2·L·√(4π), and its radiance is 2·L everywhere.
+    let l00 = v["coefficients"][0][0].as_f64().unwrap();
+    assert!((l00 / (2.0 * (4.0 * std::f64::consts::PI).sqrt()) - 1.0).abs() < 0.02, "{l00}");
+    assert!((v["coefficients"][0][1].as_f64().unwrap() / l00 - 0.5).abs() < 0.02);
+    let up = &v["radiance"]["+z"];
+    assert!((up["projected"][0].as_f64().unwrap() - up["probe"][0].as_f64().unwrap()).abs() < 0.02);
+    assert!(std::fs::metadata(f.0.join("both.png")).unwrap().len() > 100);
+    let text = String::from_utf8(halflight(&f.0, &["light", "grey.hdr"]).stdout).unwrap();
+    assert!(text.contains("band 0") && text.contains("-z"), "{text}");
+}
+
+#[test]
+fn no_device_is_4() {
+    let f = Folder::new("device");
+    f.volume();
+    let out = Command::new(env!("CARGO_BIN_EXE_halflight"))
+        .current_dir(&f.0)
+        .args(["render", "v.nrrd", "-o", "x.png", "--json"])
+        .env("VK_DRIVER_FILES", "/nonexistent/icd.json")
+        .env("VK_ICD_FILENAMES", "/nonexistent/icd.json")
+        .output()
+        .unwrap();
+    assert_eq!(out.status.code(), Some(4), "{}", String::from_utf8_lossy(&out.stderr));
+    let object: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!(object["error"].as_str().unwrap().contains("Vulkan device"), "{object}");
+    assert!(!f.0.join("x.png").exists());
+}
+
+#[test]
+fn help_lists_every_key_of_a_scene_with_its_default() {
+    let help = String::from_utf8(halflight(Path::new("."), &["render", "--help"]).stdout).unwrap();
+    let flat = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    for key in halflight::scene::keys::KEYS {
+        assert!(flat.contains(&format!("--{} <{}>", key.name, key.value)), "{}", key.name);
+        assert!(flat.contains(&format!("[default: {}]", key.default)) || key.default.is_empty(), "{}", key.name);
+    }
+    let out = halflight(Path::new("."), &["--help"]);
+    assert_eq!(out.status.code(), Some(0));
+    assert!(String::from_utf8(out.stdout).unwrap().contains("Exit codes"));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_halflight"))
+        .args(["render", "--help"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let out = child.wait_with_output().unwrap();
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+}
