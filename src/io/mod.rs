@@ -1,5 +1,18 @@
 //! Files in and out: one file per format. Readers are bounded and never panic; writers write aside and rename.
 
+pub mod info;
+mod limits;
+mod nifti;
+mod nrrd;
+mod nrrd_header;
+mod raw;
+mod samples;
+pub mod volume;
+
+pub use info::{VolumeInfo, describe};
+pub use samples::SampleType;
+pub use volume::{RawLayout, ReadOptions, read_volume};
+
 use crate::error::{Error, Result};
 use std::io::{BufWriter, Write};
 use std::path::Path;
