@@ -4,12 +4,17 @@ pub mod info;
 mod limits;
 mod nifti;
 mod nrrd;
+pub mod nrrd_field;
 mod nrrd_header;
+pub mod paraview;
+mod paraview_color;
 mod raw;
 mod samples;
 pub mod volume;
 
 pub use info::{VolumeInfo, describe};
+pub use nrrd_field::{NrrdField, read_nrrd_field, write_nrrd_field};
+pub use paraview::{TransferOptions, read_transfer};
 pub use samples::SampleType;
 pub use volume::{RawLayout, ReadOptions, read_volume};
 

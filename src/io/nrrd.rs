@@ -68,7 +68,8 @@ fn spatial_axes(path: &Path, header: &Header) -> Result<[Option<usize>; 3]> {
     }
 }
 
-fn dims(path: &Path, header: &Header, axes: [Option<usize>; 3]) -> Result<[usize; 3]> {
+/// Voxels along the chosen axes.
+pub(super) fn dims(path: &Path, header: &Header, axes: [Option<usize>; 3]) -> Result<[usize; 3]> {
     let mut dims = [1; 3];
     for (n, a) in dims.iter_mut().zip(axes) {
         let size = a.map_or(1, |a| header.sizes[a]);
@@ -78,7 +79,7 @@ fn dims(path: &Path, header: &Header, axes: [Option<usize>; 3]) -> Result<[usize
 }
 
 /// The grid. A 2-D image becomes one slice, as thick as the shorter of its spacings.
-fn place(path: &Path, header: &Header, axes: [Option<usize>; 3], dims: [usize; 3]) -> Result<Grid> {
+pub(super) fn place(path: &Path, header: &Header, axes: [Option<usize>; 3], dims: [usize; 3]) -> Result<Grid> {
     let directions = header.directions.as_ref();
     let space = directions.and_then(|d| d.iter().flatten().next()).or(header.origin.as_ref()).map_or(3, Vec::len);
     if !(2..=3).contains(&space) || header.origin.as_ref().is_some_and(|o| o.len() != space) {
@@ -151,7 +152,7 @@ pub(super) fn data(
 }
 
 /// The path of a data file that a header names, refused when it lies outside the header's folder.
-pub(super) fn beside(path: &Path, name: &str, allow_outside: bool) -> Result<PathBuf> {
+fn beside(path: &Path, name: &str, allow_outside: bool) -> Result<PathBuf> {
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
