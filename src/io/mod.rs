@@ -1,5 +1,14 @@
 //! Files in and out: one file per format. Readers are bounded and never panic; writers write aside and rename.
 
+pub mod exr;
+mod hdr;
+pub mod png;
+pub mod probe;
+
+pub use exr::{read_picture_exr, write_exr};
+pub use png::write_png;
+pub use probe::read_probe;
+
 use crate::error::{Error, Result};
 use std::io::{BufWriter, Write};
 use std::path::Path;
