@@ -2,7 +2,11 @@
 #![deny(unsafe_code, clippy::unwrap_used)]
 #![warn(missing_docs)]
 
+<<<<<<< HEAD
 pub mod engine;
+=======
+pub mod demo;
+>>>>>>> app
 pub mod error;
 pub mod io;
 pub mod kernels;

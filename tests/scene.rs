@@ -10,7 +10,7 @@ use halflight::scene::scene::{
 };
 use halflight::scene::transfer::{Kind, Reference};
 use halflight::scene::visibility::{Filter, Method, Sampling};
-use halflight::scene::{Camera, Grid, Picture, Visibility};
+use halflight::scene::{Camera, Grid, Light, Picture, Probe, Visibility};
 use std::path::{Path, PathBuf};
 
 fn parse(text: &str) -> Result<Scene, String> {
@@ -364,4 +364,29 @@ fn the_background_shows_through_what_is_not_covered() {
     assert_eq!(picture.rgba[5], [0.5, 0.5, 0.5, 1.0]);
     let d = rays.direction_world(2.0, 0.0).abs().as_vec3();
     assert_eq!(picture.rgba[2], [d.x, d.y, d.z, 1.0]);
+}
+
+#[test]
+fn background_and_light_turn_and_scale_alike() {
+    let mut light = LightSettings { scale: 3.0, rotate: Some((DVec3::new(1.0, 2.0, 2.0) / 3.0, 77.0)), ..LightSettings::default() };
+    // A probe of bands 0 and 1 alone is reproduced by its projection.
+    let probe = Probe::from_fn(256, 128, |d| [(2.0 + d.x) as f32, (2.0 + d.y) as f32, (2.0 - d.z) as f32]).unwrap();
+    let prepared = light.prepare(&Light::from_probe(&probe));
+    let error = |light: &LightSettings| {
+        let d = DVec3::new(0.3, -0.8, 0.52).normalize();
+        let (a, b) = (prepared.radiance(d), light.background(Some(&probe), d));
+        (0..3).map(|c| (a[c] - f64::from(b[c])).abs()).fold(0.0, f64::max)
+    };
+    assert!(error(&light) < 5e-3, "{}", error(&light));
+    light.rotate = Some((DVec3::new(1.0, 2.0, 2.0) / 3.0, -77.0));
+    assert!(error(&light) > 0.1);
+    // Cut to one band it is the mean; the window leaves the mean alone and damps the rest.
+    let full = Light::from_probe(&probe);
+    let mean = LightSettings { bands: 1, ..LightSettings::default() }.prepare(&full);
+    assert!((mean.radiance(DVec3::X)[0] - 2.0).abs() < 1e-3);
+    let soft = LightSettings { window: Windowing::Hanning, ..LightSettings::default() }.prepare(&full);
+    let damped = (soft.radiance(DVec3::X)[0] - 2.0) / (full.radiance(DVec3::X)[0] - 2.0);
+    assert!((damped - 0.5 * (1.0 + (std::f64::consts::PI / 4.0).cos())).abs() < 1e-3, "{damped}");
+    let constant = LightSettings { source: LightSource::Constant([1.0, 2.0, 3.0]), scale: 2.0, ..LightSettings::default() };
+    assert_eq!(constant.background(None, DVec3::X), [2.0, 4.0, 6.0]);
 }

@@ -2,11 +2,13 @@
 
 use super::camera::{CameraSettings, Rays};
 use super::grid::Grid;
+use super::light::{Light, Probe};
 use super::picture::Picture;
+use super::sh::Window;
 use super::transfer::{Kind, Reference, Transfer};
 use super::visibility::Visibility;
 use crate::error::{Error, Result};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -196,6 +198,37 @@ pub struct LightSettings {
     pub bands: u32,
     /// Window against ringing.
     pub window: Windowing,
+}
+
+impl LightSettings {
+    /// The light as it meets visibility: bands cut, windowed (the window reaches 0 at the first band cut off), turned, scaled.
+    pub fn prepare(&self, light: &Light) -> Light {
+        let width = f64::from(self.bands);
+        let window = match self.window {
+            Windowing::None => Window::None,
+            Windowing::Hanning => Window::Hanning(width),
+            Windowing::Lanczos => Window::Lanczos(width),
+        };
+        let light = light.bands(self.bands as usize).windowed(window).scaled(self.scale);
+        match self.rotate {
+            Some((axis, degrees)) => light.rotated(axis, degrees),
+            None => light,
+        }
+    }
+
+    /// What the turned, scaled light shows in a world direction, unprojected: the background of a picture.
+    pub fn background(&self, probe: Option<&Probe>, dir: DVec3) -> [f32; 3] {
+        let back = match self.rotate {
+            Some((axis, degrees)) => DQuat::from_axis_angle(axis, -degrees.to_radians()) * dir,
+            None => dir,
+        };
+        let radiance = match (probe, &self.source) {
+            (Some(probe), _) => probe.radiance(back),
+            (None, LightSource::Constant(rgb)) => *rgb,
+            (None, LightSource::Probe(_)) => [0.0; 3],
+        };
+        radiance.map(|v| v * self.scale as f32)
+    }
 }
 
 /// Where light comes from.

@@ -1,0 +1,226 @@
+//! What the command line may say. The options for a scene's keys come from the library's table of keys.
+
+use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
+use halflight::scene::keys::KEYS;
+use std::path::PathBuf;
+
+/// The whole command.
+pub fn command() -> Command {
+    Command::new("halflight")
+        .version(env!("CARGO_PKG_VERSION"))
+        .about("Natural light for scalar volumes: visibility in spherical harmonics, precomputed on any Vulkan device")
+        .after_help(
+            "Exit codes: 0 done, 1 internal error or validation messages, 2 wrong usage, 3 bad input or output file, \
+             4 no usable device, 5 out of memory, 6 device lost.",
+        )
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .args(global())
+        .subcommand(
+            Command::new("demo")
+                .about("Light a made-up machine part with a made-up sky: a translucent and an opaque picture, no files needed")
+                .arg(path("out", "DIR", "where the pictures go").short('o').long("out").default_value("halflight-demo"))
+                .arg(Arg::new("quick").long("quick").action(ArgAction::SetTrue).help("coarser field, smaller pictures")),
+        )
+        .subcommand(
+            Command::new("info")
+                .about("Describe a volume, a light probe or a scene")
+                .arg(path("file", "FILE", "NRRD, NIfTI or headerless volume, probe (.hdr, .exr), or scene (.toml)").required(true))
+                .args(scene_args(&[])),
+        )
+        .subcommand(
+            Command::new("light")
+                .about("Project a light probe to spherical harmonics and print them")
+                .arg(path("probe", "PROBE", "lat-long probe, .hdr or .exr").required(true))
+                .arg(path("out", "FILE", "also draw the probe and, right of it, its projection (.png or .exr)").short('o').long("out"))
+                .args(scene_args(&["light.rotate", "light.scale", "light.bands", "light.window", "image.exposure"])),
+        )
+        .subcommand(
+            Command::new("precompute")
+                .about("Compute a scene's visibility field and write its coefficients")
+                .arg(scene())
+                .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
+                .args(scene_args(&[])),
+        )
+        .subcommand(
+            Command::new("render")
+                .about("Render a scene")
+                .arg(scene())
+                .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
+                .args(scene_args(&[])),
+        )
+        .subcommand(Command::new("devices").about("List the Vulkan devices of this machine"))
+}
+
+/// The overrides of scene keys in the order given: (key, value as TOML).
+pub fn overrides(matches: &ArgMatches) -> Result<Vec<(String, String)>, String> {
+    let mut found: Vec<(usize, String, String)> = Vec::new();
+    if let Ok(Some(sets)) = matches.try_get_many::<String>("set") {
+        for (text, at) in sets.zip(matches.indices_of("set").into_iter().flatten()) {
+            let Some((key, value)) = text.split_once('=') else {
+                return Err(format!("--set {text} has no `=`; write it as --set key=value, such as --set visibility.ratio=2"));
+            };
+            found.push((at, key.trim().into(), value.trim().into()));
+        }
+    }
+    for key in KEYS {
+        if let Ok(Some(values)) = matches.try_get_many::<String>(key.name) {
+            for (value, at) in values.zip(matches.indices_of(key.name).into_iter().flatten()) {
+                found.push((at, key.name.into(), value.clone()));
+            }
+        }
+    }
+    found.sort_by_key(|f| f.0);
+    let mut overrides: Vec<_> = found.into_iter().map(|(_, key, value)| (key, value)).collect();
+    if let Ok(Some(value)) = matches.try_get_one::<String>("nan-as") {
+        overrides.push(("volume.nan_as".into(), value.clone()));
+    }
+    Ok(overrides)
+}
+
+fn global() -> Vec<Arg> {
+    vec![
+        Arg::new("json").long("json").action(ArgAction::SetTrue).help("one JSON object on stdout, nothing else").global(true),
+        Arg::new("device")
+            .long("device")
+            .value_name("DEVICE")
+            .help("device by place in `halflight devices`, part of its name, or uuid")
+            .global(true),
+        Arg::new("threads")
+            .long("threads")
+            .value_name("N")
+            .value_parser(value_parser!(u32).range(1..=1024))
+            .help("threads of a CPU device (lavapipe)")
+            .global(true),
+        Arg::new("validate")
+            .long("validate")
+            .action(ArgAction::SetTrue)
+            .help("run under the Vulkan validation layers; any message fails the command")
+            .global(true),
+        Arg::new("memory")
+            .long("memory")
+            .value_name("BUDGET")
+            .value_parser(parse_bytes)
+            .help("most device memory to use: 512M, 1.5G")
+            .global(true),
+        Arg::new("nan-as")
+            .long("nan-as")
+            .value_name("VALUE")
+            .allow_negative_numbers(true)
+            .help("what NaN and infinite samples are replaced by; without it they are an error")
+            .global(true),
+        Arg::new("verbose")
+            .short('v')
+            .long("verbose")
+            .action(ArgAction::Count)
+            .help("say more on stderr; twice for still more")
+            .global(true),
+    ]
+}
+
+fn path(id: &'static str, name: &'static str, help: &'static str) -> Arg {
+    Arg::new(id).value_name(name).help(help).value_parser(value_parser!(PathBuf))
+}
+
+fn scene() -> Arg {
+    path("scene", "SCENE", "scene file (.toml), or a volume file to show with default settings").required(true)
+}
+
+/// One option per key (all keys for an empty `only`), and `--set`.
+fn scene_args(only: &[&str]) -> Vec<Arg> {
+    let mut args: Vec<Arg> = KEYS
+        .iter()
+        .filter(|k| only.is_empty() || only.contains(&k.name))
+        .map(|k| {
+            let table = k.name.split('.').next().unwrap_or_default();
+            let default = if k.default.is_empty() { String::new() } else { format!(" [default: {}]", k.default) };
+            Arg::new(k.name)
+                .long(k.name)
+                .value_name(k.value)
+                .help(format!("{}{default}", k.help))
+                .help_heading(format!("Scene: [{table}]"))
+                .hide_short_help(only.is_empty())
+                .action(ArgAction::Append)
+                .allow_negative_numbers(true)
+        })
+        .collect();
+    args.push(
+        Arg::new("set")
+            .long("set")
+            .value_name("KEY=VALUE")
+            .help("override a key of the scene, value as in TOML: --set visibility.ratio=2 (--help lists the keys)")
+            .action(ArgAction::Append),
+    );
+    args
+}
+
+/// "512M", "1.5GiB", "1000000": bytes; K, M, G, T count in 1024s.
+fn parse_bytes(text: &str) -> Result<u64, String> {
+    let split = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let power = match unit.trim().to_ascii_lowercase().trim_end_matches('b').trim_end_matches('i') {
+        "" => 0,
+        "k" => 1,
+        "m" => 2,
+        "g" => 3,
+        "t" => 4,
+        _ => return Err(format!("the unit '{unit}' is unknown; use K, M, G or T")),
+    };
+    match number.parse::<f64>() {
+        Ok(n) if n > 0.0 && n * 1024f64.powi(power) <= 1e18 => Ok((n * 1024f64.powi(power)) as u64),
+        _ => Err("it must be a size above 0, such as 512M or 1.5G".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_is_consistent() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_are_read_with_units() {
+        for (text, bytes) in [("1", 1), ("2K", 2048), ("1.5G", 3 << 29), ("512 MiB", 512 << 20), ("3gb", 3 << 30)] {
+            assert_eq!(parse_bytes(text), Ok(bytes), "{text}");
+        }
+        for text in ["", "0", "-1", "G", "1X", "1.2.3G", "1e3", "99999999T"] {
+            assert!(parse_bytes(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn overrides_keep_their_order() {
+        let m = command()
+            .try_get_matches_from([
+                "halflight",
+                "render",
+                "s.toml",
+                "-o",
+                "x.png",
+                "--visibility.ratio",
+                "2",
+                "--set",
+                "image.width=7",
+                "--set",
+                "visibility.ratio = 4",
+                "--image.exposure",
+                "-1.5",
+                "--nan-as",
+                "-3",
+            ])
+            .unwrap();
+        let found = overrides(m.subcommand().unwrap().1).unwrap();
+        let found: Vec<_> = found.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
+        let expected = [
+            ("visibility.ratio", "2"),
+            ("image.width", "7"),
+            ("visibility.ratio", "4"),
+            ("image.exposure", "-1.5"),
+            ("volume.nan_as", "-3"),
+        ];
+        assert_eq!(found, expected);
+    }
+}

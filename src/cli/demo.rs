@@ -1,0 +1,55 @@
+//! `demo`: two pictures of a made-up scene, and what each kernel took.
+
+use super::Context;
+use super::fail::Failure;
+use super::output::{Kind, Output, check_folder};
+use super::path_of;
+use super::progress::Progress;
+use clap::ArgMatches;
+use halflight::scene::scene::fill_background;
+use halflight::scene::{ImageSettings, Light, Probe};
+use halflight::{Error, demo};
+use serde_json::json;
+
+/// `halflight demo [-o DIR] [--quick]`
+pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mut report = context.report();
+    let folder = path_of(m, "out")?;
+    std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), action: "make this folder", source })?;
+    check_folder(folder)?;
+    let quick = m.get_flag("quick");
+    let engine = context.engine()?;
+    report.device(&engine);
+    report.flush()?;
+
+    let volume = demo::volume(128)?;
+    let probe = Probe::two_colored();
+    let light = Light::from_probe(&probe);
+    let settings = demo::visibility(quick);
+    let camera = demo::camera(volume.grid());
+    let (width, height) = if quick { (320, 240) } else { (640, 480) };
+    let image = ImageSettings { width, height, step: 0.5, ..ImageSettings::default() };
+    let rays = camera.rays(volume.grid(), width, height)?;
+    let on_device = engine.upload(&volume)?;
+    let mut written = Vec::new();
+    for (name, matter) in [("demo_dvr", demo::dvr()?), ("demo_iso", demo::iso()?)] {
+        let medium = engine.classify(&on_device, &matter)?;
+        let bar = Progress::new();
+        let field = engine.precompute(&medium, &settings, &mut bar.job())?;
+        let lit = engine.relight(&field, &light)?;
+        let mut picture = engine.render(&medium, &lit, &camera, &image, &mut bar.job())?;
+        drop(bar);
+        fill_background(&mut picture, &rays, |_| demo::BACKGROUND);
+        for (extension, kind) in [("png", Kind::Png), ("exr", Kind::Exr)] {
+            let output = Output { path: folder.join(format!("{name}.{extension}")), kind };
+            output.write(&picture, demo::EXPOSURE, &[("scene".into(), name.into())])?;
+            report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
+            written.push(output.path.display().to_string());
+        }
+        report.flush()?;
+    }
+    report.set("outputs", json!(written));
+    report.work(&engine);
+    context.verdict(&engine)?;
+    report.finish()
+}

@@ -1,0 +1,119 @@
+//! `info`: what a file holds.
+
+use super::Context;
+use super::args::overrides;
+use super::fail::Failure;
+use super::load;
+use super::path_of;
+use super::report::Report;
+use clap::ArgMatches;
+use halflight::Error;
+use halflight::engine::precompute_memory;
+use halflight::error::bytes;
+use halflight::io;
+use halflight::scene::{Probe, Scene, Volume};
+use serde_json::{Value, json};
+use std::io::Read;
+use std::path::Path;
+
+/// `halflight info FILE`
+pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mut report = context.report();
+    let path = path_of(m, "file")?;
+    let overrides = overrides(m).map_err(Failure::usage)?;
+    if load::is_scene(path) {
+        let scene = load::scene(path, &overrides)?;
+        let loaded = load::load(&scene)?;
+        report.set("kind", json!("scene"));
+        volume(&mut report, &scene, &loaded.volume)?;
+        about_scene(&mut report, &scene, &loaded);
+    } else if is_probe(path)? {
+        report.set("kind", json!("probe"));
+        probe(&mut report, &io::read_probe(path)?);
+    } else {
+        let scene = load::scene(path, &overrides)?;
+        report.set("kind", json!("volume"));
+        volume(&mut report, &scene, &load::volume(&scene)?)?;
+    }
+    report.finish()
+}
+
+/// Probes by their first bytes: `.hdr` is also an old volume header's extension.
+fn is_probe(path: &Path) -> Result<bool, Failure> {
+    let fail = |action| move |source| Error::Io { path: path.to_owned(), action, source };
+    let mut start = Vec::new();
+    std::fs::File::open(path).map_err(fail("open"))?.take(4).read_to_end(&mut start).map_err(fail("read"))?;
+    Ok(start.starts_with(b"#?") || start == [0x76, 0x2f, 0x31, 0x01])
+}
+
+fn volume(report: &mut Report, scene: &Scene, volume: &Volume) -> Result<(), Failure> {
+    let info = io::describe(volume);
+    let [x, y, z] = info.dims;
+    let v3 = |v: [f64; 3]| format!("[{}, {}, {}]", short(v[0]), short(v[1]), short(v[2]));
+    report.line("volume", scene.volume.file.display().to_string());
+    report.line("dims", format!("{x}x{y}x{z} {}, {}", info.sample_type, bytes(info.bytes)));
+    report.line("spacing", v3(info.spacing));
+    report.line("axes", info.directions.map(v3).join(" "));
+    report.line("corner", v3(info.corner));
+    report.line("range", format!("{} to {}, mean {}", info.range[0], info.range[1], short(info.mean)));
+    if (info.slope, info.intercept) != (1.0, 0.0) {
+        report.line("rescale", format!("{}·sample + {}", info.slope, info.intercept));
+    }
+    report.line("histogram", bars(&info.histogram));
+    let value = serde_json::to_value(&info)
+        .map_err(|e| Failure { code: 1, sentence: format!("the description cannot be written as JSON: {e}") })?;
+    report.set("volume", value);
+    Ok(())
+}
+
+fn probe(report: &mut Report, probe: &Probe) {
+    let brightest = probe.pixels().iter().flatten().fold(0f32, |a, &b| a.max(b));
+    let mean = probe.mean();
+    report.line("probe", format!("{}x{} pixels", probe.width(), probe.height()));
+    report.line("mean", format!("[{}, {}, {}]", short(mean[0]), short(mean[1]), short(mean[2])));
+    report.line("brightest", brightest.to_string());
+    report.set("width", json!(probe.width()));
+    report.set("height", json!(probe.height()));
+    report.set("mean", json!(mean));
+    report.set("brightest", json!(brightest));
+}
+
+fn about_scene(report: &mut Report, scene: &Scene, loaded: &load::Loaded) {
+    let (grid, v) = (loaded.volume.grid(), &scene.visibility);
+    let [fx, fy, fz] = grid.field_dims(v.ratio as usize);
+    let (kept, scratch) = precompute_memory(grid, v);
+    match scene.surface {
+        Some(s) => report.line("surface", format!("iso {} ({:?})", s.iso, s.shading)),
+        None => report.line(
+            "matter",
+            format!("{} colour and {} opacity points", loaded.matter.transfer.colors().len(), loaded.matter.transfer.opacities().len()),
+        ),
+    }
+    report.line("light", format!("{:?}", scene.light.source));
+    report.line("field", format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {:?}", v.coefficients(), v.directions, v.method));
+    report.line("memory", format!("{} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
+    let (p, t) = (loaded.camera.position, loaded.camera.target);
+    let v3 = |v: glam::DVec3| format!("[{}, {}, {}]", short(v.x), short(v.y), short(v.z));
+    report.line("camera", format!("at {} towards {}, {} degrees", v3(p), v3(t), loaded.camera.fov_degrees));
+    report.line("image", format!("{}x{} pixels", scene.image.width, scene.image.height));
+    let given: serde_json::Map<String, Value> = scene.origins.keys.iter().map(|(k, o)| (k.clone(), json!(o))).collect();
+    report.set("given", Value::Object(given));
+    report.set("field", json!({ "dims": [fx, fy, fz], "coefficients": v.coefficients(), "bytes": kept, "scratch_bytes": scratch }));
+    report.set("camera", json!({ "position": p.to_array(), "target": t.to_array(), "fov": loaded.camera.fov_degrees }));
+    report.set("image", json!({ "width": scene.image.width, "height": scene.image.height }));
+}
+
+/// A histogram in one line; the heights are logarithmic, empty bins are dots.
+fn bars(histogram: &[u64]) -> String {
+    const HEIGHTS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+    let most = (histogram.iter().copied().max().unwrap_or(0) as f64 + 1.0).ln();
+    let bar = |&n: &u64| if n == 0 { '·' } else { HEIGHTS[((n as f64 + 1.0).ln() / most * 7.0) as usize % 8] };
+    histogram.iter().map(bar).collect()
+}
+
+/// Six significant digits, no trailing zeros.
+fn short(v: f64) -> String {
+    let digits = 6 - v.abs().max(1e-3).log10().floor() as i32;
+    let scale = 10f64.powi(digits.clamp(0, 12));
+    format!("{}", (v * scale).round() / scale)
+}

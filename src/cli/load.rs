@@ -1,0 +1,101 @@
+//! From a scene's words to its data: volume, matter, light, camera.
+
+use super::fail::Failure;
+use super::progress::Progress;
+use halflight::error::Error;
+use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions};
+use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSource, ramp};
+use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
+use std::path::Path;
+
+/// All that a frame needs, in host memory.
+pub struct Loaded {
+    pub volume: Volume,
+    pub matter: Matter,
+    /// The light's probe, if it has one.
+    pub probe: Option<Probe>,
+    /// The light as it meets visibility.
+    pub light: Light,
+    pub camera: Camera,
+}
+
+/// A scene file, or any other file as the volume of a default scene.
+pub fn scene(path: &Path, overrides: &[(String, String)]) -> Result<Scene, Failure> {
+    let overrides: Vec<(&str, &str)> = overrides.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
+    Ok(match is_scene(path) {
+        true => io::read_scene(path, &overrides)?,
+        false => io::scene_of_volume(path, &overrides)?,
+    })
+}
+
+/// Whether a file is a scene, by its extension.
+pub fn is_scene(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
+/// The scene's volume.
+pub fn volume(scene: &Scene) -> Result<Volume, Failure> {
+    let bar = Progress::new();
+    let show = |fraction: f64| bar.show("read", fraction);
+    let raw = scene.volume.raw.as_ref().map(layout).transpose()?;
+    let options = ReadOptions { raw, nan_as: scene.volume.nan_as, progress: Some(&show), ..ReadOptions::default() };
+    Ok(io::read_volume(&scene.volume.file, &options)?)
+}
+
+/// Reads all that the scene names and checks it against the data. The small files come first: their errors should not
+/// wait for the volume.
+pub fn load(scene: &Scene) -> Result<Loaded, Failure> {
+    let (probe, light) = light(scene)?;
+    let volume = volume(scene)?;
+    let transfer = transfer(scene, &volume)?;
+    let [lo, hi] = volume.range();
+    if let Some(surface) = scene.surface
+        && !(f64::from(lo)..=f64::from(hi)).contains(&surface.iso)
+    {
+        let what = format!("is {}, outside the data's range {lo} to {hi}", surface.iso);
+        return Err(scene.origins.error("surface.iso", what, "choose a value within the range").into());
+    }
+    let matter = Matter { transfer, surface: scene.surface };
+    if matter.is_vacuum([lo, hi], volume.grid()) {
+        log::warn!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty");
+    }
+    let aspect = scene.image.width as f64 / scene.image.height as f64;
+    let camera = Camera::from_settings(&scene.camera, volume.grid(), aspect).map_err(|e| scene.origins.blame(e))?;
+    Ok(Loaded { volume, matter, probe, light, camera })
+}
+
+/// The scene's light, and its probe for the background.
+pub fn light(scene: &Scene) -> Result<(Option<Probe>, Light), Failure> {
+    let probe = match &scene.light.source {
+        LightSource::Probe(path) => Some(io::read_probe(path)?),
+        LightSource::Constant(_) => None,
+    };
+    let light = match (&probe, &scene.light.source) {
+        (Some(probe), _) => Light::from_probe(probe),
+        (None, LightSource::Constant(rgb)) => Light::constant(rgb.map(f64::from)),
+        (None, LightSource::Probe(_)) => Light::DARK,
+    };
+    Ok((probe, scene.light.prepare(&light)))
+}
+
+fn transfer(scene: &Scene, volume: &Volume) -> Result<Transfer, Failure> {
+    Ok(match &scene.transfer {
+        TransferSource::Ramp { reference } => ramp(volume.range(), *reference)?,
+        TransferSource::Points(transfer) => transfer.clone(),
+        TransferSource::File { path, name, range, reference } => {
+            let data_range = volume.range().map(f64::from);
+            let options = TransferOptions { range: *range, data_range, reference: *reference, name: name.clone() };
+            io::read_transfer(path, &options)?
+        }
+    })
+}
+
+fn layout(raw: &RawSettings) -> Result<RawLayout, Error> {
+    use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    let kinds = [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64];
+    let Some(kind) = SAMPLE_TYPES.iter().position(|t| *t == raw.sample_type).map(|i| kinds[i]) else {
+        let right = SAMPLE_TYPES.join(", ");
+        return Err(Error::Invalid { item: "volume.type", what: format!("is {:?}", raw.sample_type), right });
+    };
+    Ok(RawLayout { dims: raw.dims, kind, big_endian: raw.big_endian, spacing: raw.spacing, offset: raw.offset })
+}

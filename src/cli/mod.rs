@@ -1,0 +1,139 @@
+//! The `halflight` command: reads the command line, calls the engine, says what was done.
+
+mod args;
+mod demo;
+mod fail;
+mod info;
+mod light;
+mod load;
+mod output;
+mod progress;
+mod render;
+mod report;
+
+use clap::ArgMatches;
+use clap::error::ErrorKind;
+use fail::Failure;
+use halflight::engine::{Engine, Options};
+use halflight::error::bytes;
+use report::{Report, say};
+use serde_json::json;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// What holds for every command.
+pub struct Context {
+    json: bool,
+    options: Options,
+}
+
+impl Context {
+    fn report(&self) -> Report {
+        Report::new(self.json)
+    }
+
+    fn engine(&self) -> Result<Engine, Failure> {
+        Ok(Engine::new(&self.options)?)
+    }
+
+    /// Fails if the validation layers had anything to say.
+    fn verdict(&self, engine: &Engine) -> Result<(), Failure> {
+        let messages = if self.options.validation { engine.validation_errors() } else { Vec::new() };
+        match messages.first() {
+            None => Ok(()),
+            Some(first) => Err(Failure { code: 1, sentence: format!("{} validation messages, the first: {first}", messages.len()) }),
+        }
+    }
+}
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    // Errors of the command line itself must be JSON too, and clap has not read it by then.
+    let json = arguments.iter().skip(1).take_while(|a| *a != "--").any(|a| a == "--json");
+    let done = std::panic::catch_unwind(|| run(&arguments));
+    let failure = match done {
+        Ok(Ok(())) => return ExitCode::SUCCESS,
+        Ok(Err(failure)) => failure,
+        // The panic's own text is on stderr already.
+        Err(_) => Failure { code: 1, sentence: "internal error, please report it with the text above".into() },
+    };
+    eprintln_quietly(&format!("halflight: {}", failure.sentence));
+    if json {
+        let _ = say(&json!({ "error": failure.sentence, "code": failure.code }).to_string());
+    }
+    ExitCode::from(failure.code)
+}
+
+fn run(arguments: &[OsString]) -> Result<(), Failure> {
+    let matches = match args::command().try_get_matches_from(arguments) {
+        Ok(matches) => matches,
+        Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            return say(e.render().to_string().trim_end());
+        }
+        Err(e) if e.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            return Err(Failure::usage("a command is missing: demo, info, light, precompute, render or devices; see halflight --help"));
+        }
+        Err(e) => return Err(e.into()),
+    };
+    let Some((name, m)) = matches.subcommand() else { return Err(Failure::usage("a command is missing; see halflight --help")) };
+    let options = Options {
+        device: m.get_one::<String>("device").cloned(),
+        threads: m.get_one::<u32>("threads").map(|&n| n as usize),
+        validation: m.get_flag("validate"),
+        memory_budget: m.get_one::<u64>("memory").copied(),
+        ..Options::default()
+    };
+    log_to_stderr(m.get_count("verbose"));
+    let context = Context { json: m.get_flag("json"), options };
+    match name {
+        "demo" => demo::run(&context, m),
+        "info" => info::run(&context, m),
+        "light" => light::run(&context, m),
+        "precompute" => render::precompute(&context, m),
+        "render" => render::render(&context, m),
+        _ => devices(&context),
+    }
+}
+
+/// A path argument that clap has made sure of.
+fn path_of<'a>(m: &'a ArgMatches, id: &str) -> Result<&'a std::path::Path, Failure> {
+    m.get_one::<std::path::PathBuf>(id).map(|p| p.as_path()).ok_or_else(|| Failure::usage(format!("{id} is missing; see halflight --help")))
+}
+
+fn devices(context: &Context) -> Result<(), Failure> {
+    let mut report = context.report();
+    let devices = halflight::engine::devices()?;
+    for d in &devices {
+        let (major, minor, patch) = d.api_version;
+        report.text(format!("{}: {} ({:?})", d.index, d.name, d.kind));
+        report.text(format!("   {}, Vulkan {major}.{minor}.{patch}, {} of memory, uuid {}", d.driver, bytes(d.heap_bytes), d.uuid));
+    }
+    let list = devices.iter().map(|d| {
+        let (major, minor, patch) = d.api_version;
+        json!({
+            "index": d.index, "name": d.name, "kind": format!("{:?}", d.kind).to_lowercase(), "driver": d.driver,
+            "vulkan": format!("{major}.{minor}.{patch}"), "memory": d.heap_bytes, "uuid": d.uuid,
+        })
+    });
+    report.set("devices", list.collect());
+    report.finish()
+}
+
+/// Warnings always, more with -v; RUST_LOG overrides.
+fn log_to_stderr(verbose: u8) {
+    let level = ["warn", "info", "debug"].get(usize::from(verbose)).unwrap_or(&"trace");
+    let env = env_logger::Env::default().default_filter_or(*level);
+    let _ = env_logger::Builder::from_env(env)
+        .format(|out, record| {
+            use std::io::Write;
+            writeln!(out, "halflight: {}: {}", record.level().as_str().to_lowercase(), record.args())
+        })
+        .try_init();
+}
+
+/// A line on stderr, whether or not somebody listens.
+fn eprintln_quietly(line: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "{line}");
+}

@@ -1,0 +1,118 @@
+//! `precompute` and `render`: the straight line from a scene to a file.
+
+use super::Context;
+use super::args::overrides;
+use super::fail::Failure;
+use super::load::{self, Loaded};
+use super::output::{Kind, Output, PICTURES};
+use super::path_of;
+use super::progress::Progress;
+use super::report::Report;
+use clap::ArgMatches;
+use halflight::engine::{Engine, Field, Medium, precompute_memory};
+use halflight::error::bytes;
+use halflight::io;
+use halflight::scene::scene::{Background, fill_background};
+use halflight::scene::{Picture, Samples, Scene};
+use serde_json::json;
+use std::path::Path;
+
+/// `halflight precompute SCENE -o FIELD.nrrd`
+pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mut report = context.report();
+    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)])?;
+    let loaded = load::load(&scene)?;
+    let engine = context.engine()?;
+    let (_, field) = visibility(&engine, &scene, &loaded, &mut report)?;
+    let data = engine.read_field(&field)?;
+    let v = &scene.visibility;
+    let mut meta = vec![("volume".to_string(), scene.volume.file.display().to_string())];
+    meta.push(("visibility".into(), format!("{v:?}")));
+    meta.push(("device".into(), engine.device().name.clone()));
+    io::write_nrrd_field(&output.path, field.dims(), v.coefficients(), &data, loaded.volume.grid(), &meta)?;
+    finish(context, report, &engine, &output)
+}
+
+/// `halflight render SCENE -o FRAME.exr|png`
+pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mut report = context.report();
+    let (scene, output) = asked(m, PICTURES)?;
+    let loaded = load::load(&scene)?;
+    let engine = context.engine()?;
+    let (medium, field) = visibility(&engine, &scene, &loaded, &mut report)?;
+    let lit = engine.relight(&field, &loaded.light)?;
+    let bar = Progress::new();
+    let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
+    drop(bar);
+    background(&scene, &loaded, &mut picture)?;
+    report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
+    report.set("picture", json!({ "width": picture.width, "height": picture.height }));
+    let meta = vec![
+        ("volume".to_string(), scene.volume.file.display().to_string()),
+        ("visibility".into(), format!("{:?}", scene.visibility)),
+        ("device".into(), engine.device().name.clone()),
+    ];
+    output.write(&picture, scene.image.exposure, &meta)?;
+    finish(context, report, &engine, &output)
+}
+
+/// The scene and the checked output of a command line.
+fn asked(m: &ArgMatches, kinds: &[(&str, Kind)]) -> Result<(Scene, Output), Failure> {
+    let path = path_of(m, "scene")?;
+    let overrides = overrides(m).map_err(Failure::usage)?;
+    let out = path_of(m, "out")?;
+    let scene = load::scene(path, &overrides)?;
+    let inputs: [&Path; 2] = [path, &scene.volume.file];
+    let output = Output::check(out, kinds, &inputs)?;
+    Ok((scene, output))
+}
+
+/// Volume to the device, matter on it, visibility of it. Says what it will need before it starts.
+fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, report: &mut Report) -> Result<(Medium, Field), Failure> {
+    let (volume, grid, v) = (&loaded.volume, loaded.volume.grid(), &scene.visibility);
+    let ([x, y, z], [lo, hi], kind) = (grid.dims(), volume.range(), volume.samples().type_name());
+    report.device(engine);
+    report.line("volume", format!("{x}x{y}x{z} {kind}, {lo} to {hi}"));
+    report.set("volume", json!({ "file": scene.volume.file.display().to_string(), "dims": [x, y, z], "type": kind, "range": [lo, hi] }));
+    let [fx, fy, fz] = grid.field_dims(v.ratio as usize);
+    let coefficients = v.coefficients();
+    let packing = if v.bits == 32 { "32-bit float".into() } else { format!("{} bits", v.bits) };
+    report.line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions", v.ratio, v.directions));
+    let (kept, scratch) = precompute_memory(grid, v);
+    let each = if matches!(volume.samples(), Samples::F32(_)) { 4 } else { 2 };
+    report.needs(engine, grid.voxels() * each + kept + scratch);
+    report.flush()?;
+
+    let on_device = engine.upload(volume)?;
+    let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
+    let bar = Progress::new();
+    let field = engine.precompute(&medium, v, &mut bar.job()).map_err(|e| scene.origins.blame(e))?;
+    drop(bar);
+    report.set(
+        "field",
+        json!({ "dims": field.dims(), "ratio": v.ratio, "coefficients": coefficients, "bits": v.bits, "bytes": field.bytes() }),
+    );
+    report.line("field", format!("{} packed", bytes(field.bytes())));
+    Ok((medium, field))
+}
+
+/// Lays the picture over its background, if the scene has one.
+fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(), Failure> {
+    if scene.image.background == Background::Transparent {
+        return Ok(());
+    }
+    let rays = loaded.camera.rays(loaded.volume.grid(), picture.width, picture.height)?;
+    match scene.image.background {
+        Background::Color(rgb) => fill_background(picture, &rays, |_| rgb),
+        _ => fill_background(picture, &rays, |dir| scene.light.background(loaded.probe.as_ref(), dir)),
+    }
+    Ok(())
+}
+
+fn finish(context: &Context, mut report: Report, engine: &Engine, output: &Output) -> Result<(), Failure> {
+    report.work(engine);
+    report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
+    report.set("output", json!(output.path.display().to_string()));
+    context.verdict(engine)?;
+    report.finish()
+}

@@ -1,0 +1,111 @@
+//! What the command says: lines for people, or one JSON object. A reader that has gone away is no error.
+
+use super::fail::Failure;
+use halflight::engine::{Engine, Span};
+use halflight::error::bytes;
+use serde_json::{Map, Value, json};
+use std::io::Write;
+use std::time::Instant;
+
+/// Collects what a command has to say; both forms side by side.
+pub struct Report {
+    json: bool,
+    start: Instant,
+    lines: Vec<String>,
+    object: Map<String, Value>,
+}
+
+impl Report {
+    /// A report of a command that starts now.
+    pub fn new(json: bool) -> Self {
+        Self { json, start: Instant::now(), lines: Vec::new(), object: Map::new() }
+    }
+
+    /// A line for people: what, and its value.
+    pub fn line(&mut self, what: &str, value: impl AsRef<str>) {
+        self.lines.push(format!("{what:<10} {}", value.as_ref()));
+    }
+
+    /// A line as it stands.
+    pub fn text(&mut self, line: impl Into<String>) {
+        self.lines.push(line.into());
+    }
+
+    /// A member of the JSON object.
+    pub fn set(&mut self, key: &str, value: Value) {
+        self.object.insert(key.into(), value);
+    }
+
+    /// Says so far collected lines now, before long work; JSON waits for the end.
+    pub fn flush(&mut self) -> Result<(), Failure> {
+        if self.json {
+            return Ok(());
+        }
+        let lines: Vec<String> = self.lines.drain(..).collect();
+        lines.iter().try_for_each(|line| say(line))
+    }
+
+    /// The device, and what it may use.
+    pub fn device(&mut self, engine: &Engine) {
+        let device = engine.device();
+        self.line("device", format!("{} ({})", device.name, device.driver));
+        self.set("device", json!({ "name": device.name, "driver": device.driver }));
+    }
+
+    /// What the work will need of the device's memory, before it starts.
+    pub fn needs(&mut self, engine: &Engine, needs: u64) {
+        let memory = engine.memory();
+        self.line("memory", format!("needs about {} of {}", bytes(needs), bytes(memory.budget)));
+        self.set("memory_estimate", json!(needs));
+    }
+
+    /// Peak memory and the time of each kernel.
+    pub fn work(&mut self, engine: &Engine) {
+        let memory = engine.memory();
+        self.line("memory", format!("{} at most, of {}", bytes(memory.peak), bytes(memory.budget)));
+        self.set("memory", json!({ "used": memory.used, "peak": memory.peak, "budget": memory.budget }));
+        let spans = engine.take_timings();
+        for line in table(&spans) {
+            self.text(line);
+        }
+        self.set("timings", spans.iter().map(|s| json!({ "kernel": s.kernel, "calls": s.calls, "seconds": s.seconds })).collect());
+    }
+
+    /// Ends the report with the command's whole time, and says it.
+    pub fn finish(mut self) -> Result<(), Failure> {
+        let seconds = self.start.elapsed().as_secs_f64();
+        self.set("seconds", json!(seconds));
+        if self.json {
+            return say(&Value::Object(self.object).to_string());
+        }
+        self.flush()
+    }
+
+    /// Seconds since the command began.
+    pub fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+}
+
+/// One line on stdout.
+pub fn say(line: &str) -> Result<(), Failure> {
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure { code: 3, sentence: format!("standard output: cannot write: {e}") })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Kernel, calls, device seconds, share.
+fn table(spans: &[Span]) -> Vec<String> {
+    let total: f64 = spans.iter().map(|s| s.seconds).sum();
+    if total <= 0.0 {
+        return vec!["the device keeps no time".into()];
+    }
+    let row = |name: &str, calls: &str, seconds: f64| format!("  {name:<16} {calls:>7} {seconds:>10.3} {:>6.1} %", 100.0 * seconds / total);
+    let mut lines = vec![format!("  {:<16} {:>7} {:>10} {:>8}", "kernel", "calls", "device s", "share")];
+    lines.extend(spans.iter().map(|s| row(s.kernel, &s.calls.to_string(), s.seconds)));
+    lines.push(row("together", "", total));
+    lines
+}
