@@ -2,11 +2,9 @@
 #![deny(unsafe_code, clippy::unwrap_used)]
 #![warn(missing_docs)]
 
-<<<<<<< HEAD
-pub mod engine;
-=======
 pub mod demo;
->>>>>>> app
+pub mod engine;
+pub mod demo;
 pub mod error;
 pub mod io;
 pub mod kernels;
