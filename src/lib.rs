@@ -4,6 +4,8 @@
 
 pub mod error;
 pub mod io;
+pub mod kernels;
 pub mod scene;
+pub mod vk;
 
 pub use error::{Error, Result};
