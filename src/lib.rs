@@ -4,7 +4,6 @@
 
 pub mod demo;
 pub mod engine;
-pub mod demo;
 pub mod error;
 pub mod io;
 pub mod kernels;
