@@ -39,10 +39,29 @@ struct SpecConstant {
     default: u32,
 }
 
+/// The module with every OpSpecConstantOp made an OpUndef of the same type and id: spirq would evaluate them, does not know
+/// all operations, and nothing that is reflected depends on their values.
+fn without_folded_specialization(words: &[u32]) -> Vec<u32> {
+    const SPEC_CONSTANT_OP: u32 = 52;
+    const UNDEF: u32 = 1;
+    let (header, mut rest) = words.split_at(words.len().min(5));
+    let mut out = header.to_vec();
+    while let [first, ..] = rest {
+        let (op, length) = (first & 0xffff, ((first >> 16) as usize).clamp(1, rest.len()));
+        if op == SPEC_CONSTANT_OP && length >= 3 {
+            out.extend([3 << 16 | UNDEF, rest[1], rest[2]]);
+        } else {
+            out.extend(&rest[..length]);
+        }
+        rest = &rest[length..];
+    }
+    out
+}
+
 pub fn reflect(source: &Path, words: &[u32]) -> Result<Kernel, String> {
     let name = source.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let entry = ReflectConfig::new()
-        .spv(words)
+        .spv(without_folded_specialization(words).as_slice())
         .ref_all_rscs(true)
         .reflect()
         .map_err(|e| format!("cannot be reflected: {e}"))?
