@@ -1,14 +1,37 @@
 //! Files in and out: one file per format. Readers are bounded and never panic; writers write aside and rename.
 
+pub mod exr;
+mod hdr;
+pub mod info;
+mod limits;
+mod nifti;
+mod nrrd;
+pub mod nrrd_field;
+mod nrrd_header;
+pub mod paraview;
+mod paraview_color;
+pub mod png;
+pub mod probe;
+mod raw;
+mod samples;
 pub mod scene;
 mod settings;
+pub mod volume;
+
+pub use exr::{read_picture_exr, write_exr};
+pub use info::{VolumeInfo, describe};
+pub use nrrd_field::{NrrdField, read_nrrd_field, write_nrrd_field};
+pub use paraview::{TransferOptions, read_transfer};
+pub use png::write_png;
+pub use probe::read_probe;
+pub use samples::SampleType;
+pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
+pub use settings::COMMAND_LINE;
+pub use volume::{RawLayout, ReadOptions, read_volume};
 
 use crate::error::{Error, Result};
 use std::io::{BufWriter, Write};
 use std::path::Path;
-
-pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
-pub use settings::COMMAND_LINE;
 
 /// Writes a file beside `path` and renames it over `path` when `write` has succeeded: there is never a partial output.
 ///

@@ -1,6 +1,7 @@
 //! Where a volume lies: dims, and the affine map from voxel to world coordinates.
 
 use crate::error::{Error, Result};
+pub use glam;
 use glam::{DAffine3, DMat3, DVec3};
 
 /// The sampling grid of a volume. `voxel` coordinates run 0..n per axis, the centre of voxel i lies at i + ½; `world`

@@ -121,7 +121,7 @@ impl Probe {
 
 /// What is right, where a probe's shape is not.
 pub(crate) fn bad_shape(width: usize, height: usize) -> Option<String> {
-    let good = width == 2 * height && (2..=MAX_PROBE_WIDTH).contains(&width);
+    let good = height.checked_mul(2) == Some(width) && (2..=MAX_PROBE_WIDTH).contains(&width);
     (!good).then(|| format!("a lat-long probe is 2:1, at most {MAX_PROBE_WIDTH} pixels wide"))
 }
 

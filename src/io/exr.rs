@@ -1,0 +1,228 @@
+//! OpenEXR: pictures out, pictures and probes in.
+
+use super::write_aside;
+use crate::error::{Error, Result};
+use crate::scene::Picture;
+use exr::image::read::specific_channels::ReadSpecificChannel;
+use exr::meta::MetaData;
+use exr::meta::header::Header;
+use exr::prelude::{
+    AttributeValue, Encoding, Image, Layer, LayerAttributes, ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage, read,
+};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek};
+use std::path::Path;
+
+/// The first four bytes of an OpenEXR file.
+pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// Most channels in a layer that is read.
+const MAX_CHANNELS: usize = 64;
+
+/// Largest side of a picture, pixels.
+const MAX_SIDE: usize = 65_536;
+
+/// Most pixels of a picture.
+const MAX_PIXELS: usize = 1 << 28;
+
+/// Writes linear, premultiplied RGBA (OpenEXR's convention) as 32-bit float, ZIP compressed. Each pair of `meta` becomes a
+/// text attribute `halflight/KEY`, a name that no standard attribute has.
+///
+/// # Errors
+/// [`Error::Invalid`] for a picture whose pixels do not match its size, or a key that is empty, longer than 245 bytes or
+/// holds a NUL; [`Error::Io`] when the file cannot be written.
+pub fn write_exr(path: &Path, picture: &Picture, meta: &[(String, String)]) -> Result<()> {
+    check(picture)?;
+    let text = |s: &str| Text::from_slice_unchecked(s.as_bytes());
+    let mut attributes =
+        LayerAttributes { software_name: Some(text(concat!("halflight ", env!("CARGO_PKG_VERSION")))), ..LayerAttributes::default() };
+    for (key, value) in meta {
+        if key.is_empty() || key.len() > 245 || key.contains('\0') {
+            return Err(Error::Invalid {
+                item: "picture metadata",
+                what: format!("the key {:?}", key.chars().take(40).collect::<String>()),
+                right: "keys have 1 to 245 bytes and no NUL".into(),
+            });
+        }
+        attributes.other.insert(text(&format!("halflight/{key}")), AttributeValue::Text(text(value)));
+    }
+    let at = |p: Vec2<usize>| {
+        let [r, g, b, a] = picture.rgba[p.y() * picture.width + p.x()];
+        (r, g, b, a)
+    };
+    let channels = SpecificChannels::rgba(at);
+    let layer = Layer::new((picture.width, picture.height), attributes, Encoding::SMALL_LOSSLESS, channels);
+    write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
+}
+
+/// Checks that a picture's pixels are those of its size.
+pub(super) fn check(picture: &Picture) -> Result<()> {
+    let Picture { width, height, rgba } = picture;
+    if rgba.is_empty() || width.checked_mul(*height) != Some(rgba.len()) {
+        return Err(Error::Invalid {
+            item: "picture",
+            what: format!("{} pixels for {width}x{height}", rgba.len()),
+            right: "there must be one per place, and at least one".into(),
+        });
+    }
+    Ok(())
+}
+
+/// Reads a picture as [`write_exr`] writes it: the first layer with R, G, B and, if there is one, A (else coverage 1).
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged, of another kind, or too large.
+pub fn read_picture_exr(path: &Path) -> Result<Picture> {
+    let mut file = open(path)?;
+    let too_large = |w: usize, h: usize| {
+        let good = w <= MAX_SIDE && h <= MAX_SIDE && w * h <= MAX_PIXELS;
+        (!good).then(|| format!("at most {MAX_SIDE} a side and {MAX_PIXELS} pixels are read"))
+    };
+    layer(path, &mut file, &["R", "G", "B"], too_large)?;
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .specific_channels()
+        .required("R")
+        .required("G")
+        .required("B")
+        .optional("A", 1.0)
+        .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<4>, at, (r, g, b, a)| grid.put(at, [r, g, b, a]))
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(file)
+        .map_err(|e| trouble(path, "read", e))?;
+    let (width, height, rgba) = image.layer_data.channel_data.pixels.whole(path)?;
+    Ok(Picture { width, height, rgba })
+}
+
+/// Width, height and RGB of a probe. `bad_shape` says what would be right, where a size is refused.
+pub(super) fn read_rgb(
+    path: &Path,
+    mut file: impl BufRead + Seek,
+    bad_shape: impl Fn(usize, usize) -> Option<String>,
+) -> Result<(usize, usize, Vec<[f32; 3]>)> {
+    let reader = || read().no_deep_data().largest_resolution_level().specific_channels();
+    let pixels = match layer(path, &mut file, &["R", "G", "B"], &bad_shape) {
+        Ok(()) => reader()
+            .required("R")
+            .required("G")
+            .required("B")
+            .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<3>, at, (r, g, b)| grid.put(at, [r, g, b]))
+            .first_valid_layer()
+            .all_attributes()
+            .non_parallel()
+            .from_buffered(file)
+            .map(|image| image.layer_data.channel_data.pixels),
+        Err(without_color) => {
+            // The refusal that names R, G and B says more than one that misses Y.
+            if layer(path, &mut file, &["Y"], &bad_shape).is_err() {
+                return Err(without_color);
+            }
+            reader()
+                .required("Y")
+                .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<3>, at, (y,)| grid.put(at, [y; 3]))
+                .first_valid_layer()
+                .all_attributes()
+                .non_parallel()
+                .from_buffered(file)
+                .map(|image| image.layer_data.channel_data.pixels)
+        }
+    };
+    pixels.map_err(|e| trouble(path, "read", e))?.whole(path)
+}
+
+/// Whether there is a layer with these channels, of a size that is read; leaves `file` at its start.
+fn layer(
+    path: &Path,
+    file: &mut (impl BufRead + Seek),
+    channels: &[&str],
+    bad_shape: impl Fn(usize, usize) -> Option<String>,
+) -> Result<()> {
+    let wrong = |what: String, right: String| Err(Error::Format { path: path.to_owned(), what, right });
+    let io = |source| Error::Io { path: path.to_owned(), action: "read", source };
+    file.rewind().map_err(io)?;
+    let headers = MetaData::read_from_buffered(&mut *file, false).map_err(|e| trouble(path, "read", e))?.headers;
+    file.rewind().map_err(io)?;
+    if headers.iter().any(|h| h.deep) {
+        return wrong("it holds deep data".into(), "flat layers are read: flatten it first".into());
+    }
+    // A single Y beside RY and BY is half of a luminance-chroma picture, not a grey one.
+    let names = |h: &Header| -> Vec<String> { h.channels.list.iter().map(|c| c.name.to_string()).collect() };
+    let whole = |h: &&Header| {
+        let names = names(h);
+        channels.iter().all(|c| names.iter().any(|n| n == c)) && !(channels == ["Y"] && names.iter().any(|n| n == "RY"))
+    };
+    let Some(header) = headers.iter().find(whole) else {
+        let mut found: Vec<String> = headers.iter().flat_map(names).take(12).map(|n| n.chars().take(24).collect()).collect();
+        found.dedup();
+        return wrong(
+            format!("no layer has the channels {}; there are {}", channels.join(", "), found.join(", ")),
+            "R, G and B, or Y alone, are read".into(),
+        );
+    };
+    if header.channels.list.len() > MAX_CHANNELS {
+        return wrong(format!("its layer has {} channels", header.channels.list.len()), format!("at most {MAX_CHANNELS} are read"));
+    }
+    if let Some(c) = header.channels.list.iter().find(|c| c.sampling != Vec2(1, 1)) {
+        return wrong(format!("channel {} is subsampled", c.name), "every channel must have a sample per pixel".into());
+    }
+    let Vec2(width, height) = header.layer_size;
+    match bad_shape(width, height) {
+        Some(right) => wrong(format!("{width}x{height} pixels"), right),
+        None => Ok(()),
+    }
+}
+
+/// Pixels as they come in.
+struct Grid<const N: usize> {
+    size: Vec2<usize>,
+    pixels: Vec<[f32; N]>,
+}
+
+impl<const N: usize> Grid<N> {
+    fn new(size: Vec2<usize>) -> Self {
+        let mut pixels = Vec::new();
+        let count = size.0.saturating_mul(size.1);
+        // Memory that is not there leaves the grid empty, which `whole` refuses.
+        if count <= MAX_PIXELS && pixels.try_reserve_exact(count).is_ok() {
+            pixels.resize(count, [0.0; N]);
+        }
+        Self { size, pixels }
+    }
+
+    fn put(&mut self, at: Vec2<usize>, value: [f32; N]) {
+        if let Some(pixel) = self.pixels.get_mut(at.1 * self.size.0 + at.0) {
+            *pixel = value;
+        }
+    }
+
+    fn whole(self, path: &Path) -> Result<(usize, usize, Vec<[f32; N]>)> {
+        let Vec2(width, height) = self.size;
+        if self.pixels.len() != width.saturating_mul(height) {
+            return Err(Error::Format {
+                path: path.to_owned(),
+                what: format!("its {width}x{height} pixels do not fit into memory"),
+                right: "a smaller picture would".into(),
+            });
+        }
+        Ok((width, height, self.pixels))
+    }
+}
+
+fn open(path: &Path) -> Result<BufReader<File>> {
+    let file = File::open(path).map_err(|source| Error::Io { path: path.to_owned(), action: "open", source })?;
+    Ok(BufReader::with_capacity(1 << 16, file))
+}
+
+fn trouble(path: &Path, action: &'static str, error: exr::error::Error) -> Error {
+    match error {
+        exr::error::Error::Io(source) => Error::Io { path: path.to_owned(), action, source },
+        other => Error::Format {
+            path: path.to_owned(),
+            what: format!("OpenEXR: {}", other.to_string().chars().take(200).collect::<String>()),
+            right: "the file must be whole and flat".into(),
+        },
+    }
+}

@@ -1,0 +1,38 @@
+//! Light probes: lat-long pictures in Radiance (.hdr) or OpenEXR (.exr), told apart by their first bytes.
+
+use super::{exr, hdr};
+use crate::error::{Error, Result};
+use crate::scene::Probe;
+use crate::scene::light::{bad_pixels, bad_shape};
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::Path;
+
+/// Reads a lat-long probe of linear RGB radiance. OpenEXR: the first layer with R, G and B (half, float or uint), else the
+/// first with Y alone, as grey; alpha is ignored.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged, of another kind, not 2:1, too large,
+/// or has a negative, NaN or infinite pixel.
+pub fn read_probe(path: &Path) -> Result<Probe> {
+    let failed = |action| move |source| Error::Io { path: path.to_owned(), action, source };
+    let wrong = |what: String, right: String| Error::Format { path: path.to_owned(), what, right };
+    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(failed("open"))?);
+    let mut magic = Vec::new();
+    file.by_ref().take(4).read_to_end(&mut magic).map_err(failed("read"))?;
+    file.rewind().map_err(failed("read"))?;
+    let (width, height, pixels) = if magic == exr::MAGIC {
+        exr::read_rgb(path, file, bad_shape)?
+    } else if magic.starts_with(b"#?") {
+        hdr::decode(file, bad_shape).map_err(|trouble| match trouble {
+            hdr::Trouble::Io(source) => failed("read")(source),
+            hdr::Trouble::Format(what, right) => wrong(what, right),
+        })?
+    } else {
+        return Err(wrong("its first bytes are neither Radiance's nor OpenEXR's".into(), "a probe is a lat-long .hdr or .exr".into()));
+    };
+    if let Some((what, right)) = bad_pixels(width, &pixels) {
+        return Err(wrong(what, right.into()));
+    }
+    Probe::new(width, height, pixels)
+}

@@ -1,0 +1,365 @@
+//! Instance, logical device, queue and memory: what every other object keeps alive.
+
+use super::select::{self, DeviceInfo, DeviceKind, Options};
+use super::{failed, lock};
+use crate::error::{Error, Result};
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use std::ffi::{CStr, CString};
+use std::mem::ManuallyDrop;
+use std::sync::Mutex;
+
+const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+/// Device memory of buffers and images, in bytes. The runtime's own staging (at most 64 MiB) is not counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// Held now.
+    pub used: u64,
+    /// Most ever held.
+    pub peak: u64,
+    /// Most that may be held.
+    pub budget: u64,
+}
+
+/// What the validation layers said.
+type Messages = Mutex<Vec<String>>;
+
+/// The bottom of the pile. Dropped last, by whatever object goes last.
+pub(super) struct Raw {
+    // Held for its function pointers; the library stays loaded as long.
+    _entry: ash::Entry,
+    pub instance: ash::Instance,
+    pub physical: vk::PhysicalDevice,
+    pub device: ash::Device,
+    pub info: DeviceInfo,
+    pub limits: vk::PhysicalDeviceLimits,
+    pub family: u32,
+    pub timestamp_bits: u32,
+    /// One at a time may submit, and it waits inside: all device work is serialised here.
+    pub queue: Mutex<vk::Queue>,
+    pub names: Option<ash::ext::debug_utils::Device>,
+    messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    // Boxed: the messenger holds its address.
+    pub messages: Box<Messages>,
+    allocator: Mutex<ManuallyDrop<Allocator>>,
+    memory: Mutex<Memory>,
+}
+
+impl Drop for Raw {
+    fn drop(&mut self) {
+        // SAFETY: this is the last owner: every object made from the device held an `Arc` of this and is gone, and all submitted
+        // work was waited for. The order is the reverse of creation. The allocator is not used after it is taken.
+        unsafe {
+            let _ = self.device.device_wait_idle();
+            let allocator = self.allocator.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
+            ManuallyDrop::drop(allocator);
+            self.device.destroy_device(None);
+            if let Some((ext, messenger)) = self.messenger.take() {
+                ext.destroy_debug_utils_messenger(messenger, None);
+            }
+            self.instance.destroy_instance(None);
+        }
+    }
+}
+
+/// An instance without layers and extensions.
+pub(super) fn bare_instance(entry: &ash::Entry) -> Result<ash::Instance> {
+    create_instance(entry, &[], &[], &mut vk::ValidationFeaturesEXT::default())
+}
+
+fn create_instance(
+    entry: &ash::Entry,
+    layers: &[&CStr],
+    extensions: &[&CStr],
+    validation: &mut vk::ValidationFeaturesEXT<'_>,
+) -> Result<ash::Instance> {
+    let app = vk::ApplicationInfo::default().application_name(c"halflight").api_version(vk::API_VERSION_1_3);
+    let layers: Vec<_> = layers.iter().map(|l| l.as_ptr()).collect();
+    let extensions: Vec<_> = extensions.iter().map(|e| e.as_ptr()).collect();
+    let info = vk::InstanceCreateInfo::default().application_info(&app).enabled_layer_names(&layers).enabled_extension_names(&extensions);
+    let info = if layers.is_empty() { info } else { info.push_next(validation) };
+    // SAFETY: all pointers of `info` live until the call returns.
+    unsafe { entry.create_instance(&info, None) }.map_err(|e| match e {
+        vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice {
+            what: String::from("no installed driver works with this Vulkan loader"),
+            right: String::from("install a driver of Vulkan 1.3 (Debian: `apt-get install mesa-vulkan-drivers`)"),
+        },
+        other => failed("vkCreateInstance")(other),
+    })
+}
+
+impl Raw {
+    pub(super) fn new(options: &Options) -> Result<Self> {
+        let entry = select::load()?;
+        // SAFETY: the entry is loaded.
+        let known =
+            unsafe { entry.enumerate_instance_extension_properties(None) }.map_err(failed("vkEnumerateInstanceExtensionProperties"))?;
+        let debug = known.iter().any(|e| e.extension_name_as_c_str() == Ok(ash::ext::debug_utils::NAME));
+        let mut extensions = Vec::new();
+        if debug {
+            extensions.push(ash::ext::debug_utils::NAME);
+        }
+        let mut layers = Vec::new();
+        if options.validation {
+            // SAFETY: as above.
+            let known = unsafe { entry.enumerate_instance_layer_properties() }.map_err(failed("vkEnumerateInstanceLayerProperties"))?;
+            if !debug || !known.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION)) {
+                return Err(Error::DeviceLacks {
+                    device: String::from("Vulkan loader"),
+                    lacks: String::from(
+                        "VK_LAYER_KHRONOS_validation (Debian: `apt-get install vulkan-validationlayers`); or do without validation",
+                    ),
+                });
+            }
+            layers.push(VALIDATION);
+            extensions.push(ash::ext::validation_features::NAME);
+        }
+        let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+        let mut validation = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+        let instance = create_instance(&entry, &layers, &extensions, &mut validation)?;
+
+        let messages: Box<Messages> = Box::default();
+        let made = Self::on_instance(&entry, &instance, options, debug, &messages);
+        match made {
+            Ok(parts) => Ok(Self {
+                _entry: entry,
+                instance,
+                physical: parts.physical,
+                device: parts.device,
+                info: parts.info,
+                limits: parts.limits,
+                family: parts.family,
+                timestamp_bits: parts.timestamp_bits,
+                queue: Mutex::new(parts.queue),
+                names: parts.names,
+                messenger: parts.messenger,
+                messages,
+                allocator: Mutex::new(ManuallyDrop::new(parts.allocator)),
+                memory: Mutex::new(Memory { used: 0, peak: 0, budget: parts.budget }),
+            }),
+            Err(error) => {
+                // SAFETY: `on_instance` has undone what it made.
+                unsafe { instance.destroy_instance(None) };
+                Err(error)
+            }
+        }
+    }
+
+    fn on_instance(entry: &ash::Entry, instance: &ash::Instance, options: &Options, debug: bool, messages: &Messages) -> Result<Parts> {
+        let (physical, info) = select::choose(select::physical(instance)?, options.device.as_deref())?;
+        // SAFETY: the handle comes from this instance.
+        let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+        super::device::check_features(instance, physical, &info)?;
+        let family = compute_family(&families)
+            .ok_or_else(|| Error::DeviceLacks { device: info.name.clone(), lacks: String::from("a compute queue") })?;
+        // SAFETY: as above.
+        let limits = unsafe { instance.get_physical_device_properties(physical) }.limits;
+
+        let messenger = if options.validation {
+            let ext = ash::ext::debug_utils::Instance::new(entry, instance);
+            let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
+                .message_severity(vk::DebugUtilsMessageSeverityFlagsEXT::ERROR | vk::DebugUtilsMessageSeverityFlagsEXT::WARNING)
+                .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION | vk::DebugUtilsMessageTypeFlagsEXT::PERFORMANCE)
+                .pfn_user_callback(Some(heard))
+                .user_data(std::ptr::from_ref(messages).cast_mut().cast());
+            // SAFETY: `messages` is boxed and outlives the messenger, which is destroyed before it, below or in `Drop`.
+            let messenger = unsafe { ext.create_debug_utils_messenger(&create, None) }.map_err(failed("vkCreateDebugUtilsMessengerEXT"))?;
+            Some((ext, messenger))
+        } else {
+            None
+        };
+        let undo = |error: Error| {
+            if let Some((ext, messenger)) = &messenger {
+                // SAFETY: made above, not handed on.
+                unsafe { ext.destroy_debug_utils_messenger(*messenger, None) };
+            }
+            error
+        };
+
+        let priorities = [1.0];
+        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
+        let features = super::device::wanted_features();
+        let mut thirteen = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).maintenance4(true);
+        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut thirteen);
+        // SAFETY: all pointers of `create` live until the call returns; the features were checked to exist.
+        let device = unsafe { instance.create_device(physical, &create, None) }.map_err(|e| undo(failed("vkCreateDevice")(e)))?;
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.clone(),
+            device: device.clone(),
+            physical_device: physical,
+            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            // Volumes have memory of their own; the rest is small.
+            allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 32 << 20),
+        })
+        .map_err(|e| {
+            // SAFETY: made above, nothing was made from it.
+            unsafe { device.destroy_device(None) };
+            undo(Error::Vulkan { call: "the allocator's start", result: e.to_string() })
+        })?;
+        // SAFETY: the queue was asked for above.
+        let queue = unsafe { device.get_device_queue(family, 0) };
+        let names = debug.then(|| ash::ext::debug_utils::Device::new(instance, &device));
+        let budget = options.memory_budget.unwrap_or_else(|| default_budget(&info));
+        let timestamp_bits = families.get(family as usize).map_or(0, |f| f.timestamp_valid_bits);
+        Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget })
+    }
+
+    pub(super) fn memory(&self) -> Memory {
+        *lock(&self.memory)
+    }
+
+    /// Takes `bytes` from the budget.
+    fn reserve(&self, what: &str, bytes: u64) -> Result<()> {
+        let mut memory = lock(&self.memory);
+        let free = memory.budget.saturating_sub(memory.used);
+        if bytes > free {
+            return Err(Error::OutOfMemory {
+                what: what.to_owned(),
+                needs: bytes,
+                free,
+                budget: memory.budget,
+                right: String::from("ask for less, free what is not needed, or raise the memory budget"),
+            });
+        }
+        memory.used += bytes;
+        memory.peak = memory.peak.max(memory.used);
+        Ok(())
+    }
+
+    fn release(&self, bytes: u64) {
+        let mut memory = lock(&self.memory);
+        memory.used = memory.used.saturating_sub(bytes);
+    }
+
+    /// Memory for a buffer or an image, inside the budget if `counted`.
+    pub(super) fn allocate(
+        &self,
+        name: &str,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+        linear: bool,
+        scheme: AllocationScheme,
+        counted: bool,
+    ) -> Result<Allocation> {
+        if requirements.size > self.info.max_allocation {
+            return Err(Error::OutOfMemory {
+                what: format!("'{name}'"),
+                needs: requirements.size,
+                free: self.info.max_allocation,
+                budget: self.info.max_allocation,
+                right: String::from("the device allows no larger single allocation (maxMemoryAllocationSize): make it smaller or split it"),
+            });
+        }
+        if counted {
+            self.reserve(&format!("'{name}'"), requirements.size)?;
+        }
+        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
+        let made = lock(&self.allocator).allocate(&desc);
+        made.map_err(|e| {
+            if counted {
+                self.release(requirements.size);
+            }
+            let memory = self.memory();
+            Error::OutOfMemory {
+                what: format!("'{name}' ({e})"),
+                needs: requirements.size,
+                free: memory.budget.saturating_sub(memory.used),
+                budget: memory.budget,
+                right: String::from("the device gave none although the budget allows it: lower the budget or ask for less"),
+            }
+        })
+    }
+
+    /// Gives memory back.
+    ///
+    /// # Safety
+    /// No living object is bound to it.
+    pub(super) unsafe fn free(&self, allocation: Allocation, counted: bool) {
+        if counted {
+            self.release(allocation.size());
+        }
+        if let Err(e) = lock(&self.allocator).free(allocation) {
+            log::warn!("device memory was not freed: {e}");
+        }
+    }
+
+    /// Gives an object its name in validation messages and captures.
+    pub(super) fn name<H: vk::Handle>(&self, handle: H, name: &str) {
+        if let (Some(ext), Ok(name)) = (&self.names, CString::new(name)) {
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
+            // SAFETY: the handle is alive; a refused name does no harm.
+            let _ = unsafe { ext.set_debug_utils_object_name(&info) };
+        }
+    }
+}
+
+/// What [`Raw::on_instance`] makes.
+struct Parts {
+    physical: vk::PhysicalDevice,
+    device: ash::Device,
+    info: DeviceInfo,
+    limits: vk::PhysicalDeviceLimits,
+    family: u32,
+    timestamp_bits: u32,
+    queue: vk::Queue,
+    names: Option<ash::ext::debug_utils::Device>,
+    messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    allocator: Allocator,
+    budget: u64,
+}
+
+/// A family of compute queues; one without graphics is preferred: it keeps a desktop's own work apart.
+fn compute_family(families: &[vk::QueueFamilyProperties]) -> Option<u32> {
+    let compute = |f: &&(usize, &vk::QueueFamilyProperties)| f.1.queue_flags.contains(vk::QueueFlags::COMPUTE);
+    let all: Vec<_> = families.iter().enumerate().collect();
+    let alone = all.iter().filter(compute).find(|f| !f.1.queue_flags.contains(vk::QueueFlags::GRAPHICS));
+    alone.or_else(|| all.iter().find(compute)).and_then(|f| u32::try_from(f.0).ok())
+}
+
+/// 80 % of the device's heap. A CPU device shares the machine's memory and its heap size means little (lavapipe overcommits until
+/// the kernel kills): 60 % of what is available.
+fn default_budget(info: &DeviceInfo) -> u64 {
+    let heap = info.heap_bytes / 5 * 4;
+    match (info.kind, available_memory()) {
+        (DeviceKind::Cpu, Some(bytes)) => bytes / 5 * 3,
+        _ => heap,
+    }
+}
+
+/// Bytes of main memory that are available, where the system says so; a container's limit counts.
+fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    let limit = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok()).unwrap_or(u64::MAX);
+    Some(kib.saturating_mul(1024).min(limit))
+}
+
+/// Keeps what a validation layer says.
+///
+/// # Safety
+/// Called by the layers only, with the pointer that the messenger was made with.
+unsafe extern "system" fn heard(
+    severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    user: *mut std::ffi::c_void,
+) -> vk::Bool32 {
+    // SAFETY: the layers hand over valid pointers for the time of the call; `user` is the boxed list, which outlives the messenger.
+    let (text, messages) = unsafe {
+        let message = data.as_ref().and_then(|d| d.message_as_c_str());
+        (message.map(|m| m.to_string_lossy().into_owned()).unwrap_or_default(), user.cast::<Messages>().as_ref())
+    };
+    if severity.contains(vk::DebugUtilsMessageSeverityFlagsEXT::ERROR) {
+        log::error!("validation: {text}");
+        if let Some(messages) = messages {
+            lock(messages).push(text);
+        }
+    } else {
+        log::warn!("validation: {text}");
+    }
+    vk::FALSE
+}

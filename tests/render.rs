@@ -1,0 +1,319 @@
+//! Relighting, direct volume rendering and isosurfaces: formulas, twins, sabotage.
+
+mod common;
+use common::*;
+use halflight::scene::grid::glam::DVec3;
+use halflight::scene::visibility::Method;
+use halflight::scene::{Camera, Grid, ImageSettings, Light, Picture, Shading, Surface, Visibility, Volume};
+use halflight::stages::raymarch::{self, View};
+use halflight::stages::{isosurface, relight, twin};
+
+fn camera(grid: &Grid, offset: [f64; 3], fov: f64) -> Camera {
+    let centre = grid.centre_world();
+    Camera { position: centre + DVec3::from(offset) * grid.longest_side(), target: centre, up: DVec3::Z, fov_degrees: fov }
+}
+
+fn image(width: usize, height: usize, step: f64) -> ImageSettings {
+    ImageSettings { width, height, step, ..ImageSettings::default() }
+}
+
+fn march(ratio: u32) -> Visibility {
+    Visibility { method: Method::March, ratio, directions: 128, bits: 32, step: 0.5, ..Visibility::default() }
+}
+
+/// A light with energy in every coefficient and channel.
+fn coloured() -> Light {
+    Light::constant([0.3, 0.4, 0.5])
+        .plus(&Light::cone(DVec3::new(0.3, -0.5, 0.8), 40.0, [6.0, 1.0, 0.5]))
+        .plus(&Light::cone(DVec3::new(-0.8, 0.4, -0.1), 25.0, [0.2, 2.0, 9.0]))
+}
+
+#[test]
+fn a_constant_light_without_occlusion_gives_back_the_albedo() {
+    // Furnace: albedo 1, light 1, next to no extinction on the way in: S = 1, so radiance = coverage.
+    let engine = engine();
+    let grid = Grid::axis_aligned([24, 24, 24], [1.0; 3]).expect("grid");
+    let volume = blobs(grid, 1);
+    let (_, vacuum) = load(&engine, &volume, &homogeneous(0.0));
+    for bits in [8, 16, 32] {
+        let field = engine.precompute(&vacuum, &Visibility { bits, ..march(2) }, &mut quiet).expect("field");
+        let lit = engine.relight(&field, &Light::constant([1.0, 2.0, 0.5])).expect("light");
+        for s in engine.read_irradiance(&lit).expect("read") {
+            // Half floats: 11 bits.
+            for (got, expected) in s.iter().zip([1.0, 2.0, 0.5, 1.0]) {
+                assert!((got - expected).abs() < 1e-3 * expected, "{bits} bits: {s:?}");
+            }
+        }
+        // The field is of a vacuum, the picture of a fog: only the fog's coverage dims it.
+        let (_, fog) = load(&engine, &volume, &homogeneous(0.05));
+        let picture = engine.render(&fog, &lit, &camera(&grid, [1.6, -1.9, 1.1], 30.0), &image(32, 24, 0.5), &mut quiet).expect("picture");
+        assert!(picture.rgba.iter().any(|p| p[3] > 0.5));
+        for p in &picture.rgba {
+            assert!((p[0] - p[3]).abs() < 2e-3 && (p[1] - 2.0 * p[3]).abs() < 4e-3, "{p:?}");
+        }
+    }
+}
+
+#[test]
+fn relight_equals_its_twin() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([17, 13, 11], [1.0, 1.0, 5.0]).expect("grid");
+    let volume = blobs(grid, 4);
+    let (_, medium) = load(&engine, &volume, &linear(0.6));
+    for (bands, bits) in [(4, 8), (4, 16), (4, 32), (3, 8), (2, 16), (1, 8), (1, 16), (1, 32)] {
+        let field = engine.precompute(&medium, &Visibility { bands, bits, ..march(2) }, &mut quiet).expect("field");
+        let coefficients = engine.read_field(&field).expect("read");
+        let light = coloured();
+        let lit = engine.relight(&field, &light).expect("light");
+        let kept = (bands * bands) as usize;
+        for (cell, s) in engine.read_irradiance(&lit).expect("read").iter().enumerate() {
+            let mut v = [0.0; 16];
+            v[..kept].copy_from_slice(&coefficients[cell * kept..(cell + 1) * kept]);
+            let expected = relight::reference(&v, &light.to_f32());
+            for c in 0..4 {
+                assert!((s[c] - expected[c]).abs() < 1e-3 * (1.0 + expected[c].abs()), "{bands} {bits} {cell} {c}: {s:?} {expected:?}");
+            }
+            // Sabotage: a light turned by 10 degrees is told apart somewhere.
+            if cell == 0 && bands == 4 {
+                let turned = relight::reference(&v, &light.rotated(DVec3::Z, 10.0).to_f32());
+                assert!((0..3).any(|c| (s[c] - turned[c]).abs() > 1e-3 * (1.0 + turned[c].abs())));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_homogeneous_box_covers_by_its_chord_for_any_step() {
+    let engine = engine();
+    let (n, spacing, sigma) = ([20usize, 30, 10], [1.0, 0.5, 2.0], 0.07);
+    let grid = Grid::axis_aligned(n, spacing).expect("grid");
+    let (_, medium) = load(&engine, &blobs(grid, 2), &homogeneous(sigma));
+    let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
+    let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
+    for step in [0.1, 0.5, 1.0, 3.0, 50.0] {
+        let settings = image(40, 30, step);
+        let picture = engine.render(&medium, &lit, &camera, &settings, &mut quiet).expect("picture");
+        let rays = camera.rays(&grid, 40, 30).expect("rays");
+        for j in 0..30 {
+            for i in 0..40 {
+                // The chord in world space, by slabs.
+                let w = rays.direction_world(i as f64, j as f64);
+                let (mut enter, mut leave) = (0f64, f64::INFINITY);
+                for a in 0..3 {
+                    let side = n[a] as f64 * spacing[a];
+                    let (t0, t1) = ((0.0 - camera.position[a]) / w[a], (side - camera.position[a]) / w[a]);
+                    enter = enter.max(t0.min(t1));
+                    leave = leave.min(t0.max(t1));
+                }
+                let expected = 1.0 - (-sigma * (leave - enter).max(0.0)).exp();
+                let got = f64::from(picture.rgba[j * 40 + i][3]);
+                assert!((got - expected).abs() < 1e-4, "step {step}, pixel {i},{j}: {got} for {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn raymarch_equals_its_twin() {
+    let engine = engine();
+    for (g, grid) in [Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid"), Grid::axis_aligned([19, 1, 6], [0.7, 2.0, 1.0]).expect("grid"), oblique([9, 14, 7])]
+        .into_iter()
+        .enumerate()
+    {
+        let volume = blobs(grid, 31 + g as u64);
+        let matter = linear(0.8);
+        let (_, medium) = load(&engine, &volume, &matter);
+        let field = engine.precompute(&medium, &march(2), &mut quiet).expect("field");
+        let lit = engine.relight(&field, &coloured()).expect("light");
+        let cells = engine.read_irradiance(&lit).expect("read");
+        let table = matter.transfer.table(volume.range(), &grid);
+        let (dims, n) = (field.dims(), grid.dims());
+        let light_at = |p: [f32; 3]| -> [f32; 3] {
+            let q = std::array::from_fn(|a| p[a] / n[a] as f32 * dims[a] as f32);
+            std::array::from_fn(|c| twin::trilinear(dims, q, |i| cells[i[0] + dims[0] * (i[1] + dims[1] * i[2])][c]))
+        };
+        // From outside, and from inside the box.
+        for (offset, step) in [([1.6, -1.9, 1.1], 0.7), ([0.1, 0.02, 0.05], 1.0)] {
+            let camera = camera(&grid, offset, 45.0);
+            let picture = engine.render(&medium, &lit, &camera, &image(24, 18, step), &mut quiet).expect("picture");
+            let view = View::new(&grid, &camera.rays(&grid, 24, 18).expect("rays"));
+            let check = |table: &halflight::scene::transfer::Table| -> f32 {
+                let mut worst = 0f32;
+                for j in 0..18 {
+                    for i in 0..24 {
+                        let t = raymarch::reference(&volume, table, &view, [i, j], step * grid.voxel_length(), light_at);
+                        let p = picture.rgba[j * 24 + i];
+                        for c in 0..3 {
+                            worst = worst.max((p[c] - t[c]).abs());
+                        }
+                        worst = worst.max((p[3] - (1.0 - t[3])).abs());
+                    }
+                }
+                worst
+            };
+            // Single precision along some 40 steps; a ray may end one step earlier (1e-3 of what is left).
+            assert!(check(&table) < 2e-3, "grid {g}: {}", check(&table));
+            // Sabotage: 3 % more extinction.
+            assert!(check(&linear(0.824).transfer.table(volume.range(), &grid)) > 2e-3);
+        }
+    }
+}
+
+/// A ball of radius r about the centre: D falls linearly with distance, so that iso 0 is the sphere.
+fn ball(n: usize, r: f64) -> Volume {
+    let c = n as f64 / 2.0;
+    Volume::from_fn(Grid::axis_aligned([n; 3], [1.0; 3]).expect("grid"), |p| (r - ((p[0] - c).powi(2) + (p[1] - c).powi(2) + (p[2] - c).powi(2)).sqrt()) as f32)
+        .expect("volume")
+}
+
+fn sphere_surface(shading: Shading) -> halflight::scene::Matter {
+    surface(Surface { iso: 0.0, shading, albedo: Some([0.8, 0.6, 0.4]) })
+}
+
+#[test]
+fn the_isosurface_of_a_ball_is_hit_where_the_formula_says() {
+    let engine = engine();
+    let volume = ball(48, 15.0);
+    let grid = *volume.grid();
+    let (_, medium) = load(&engine, &volume, &sphere_surface(Shading::Lambert));
+    let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
+    let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 25.0);
+    let (picture, distance) = engine.render_with_distance(&medium, &lit, &camera, &image(64, 48, 1.0), &mut quiet).expect("picture");
+    let rays = camera.rays(&grid, 64, 48).expect("rays");
+    let view = View::new(&grid, &rays);
+    let (mut hits, mut worst, mut worst_twin) = (0, 0f64, 0f32);
+    for j in 0..48 {
+        for i in 0..64 {
+            let w = rays.direction_world(i as f64, j as f64);
+            let o = camera.position - grid.centre_world();
+            let (b, c) = (o.dot(w), o.dot(o) - 15.0 * 15.0);
+            let got = distance[j * 64 + i];
+            let covered = picture.rgba[j * 64 + i][3];
+            assert_eq!(got >= 0.0, covered == 1.0);
+            let root = b * b - c;
+            // Rays that graze the rim are as uncertain as the interpolated ball is not round.
+            if root > 9.0 {
+                hits += 1;
+                worst = worst.max((f64::from(got) - (-b - root.sqrt())).abs());
+            } else if root < -9.0 {
+                assert!(got < 0.0, "pixel {i},{j} hits beside the ball");
+            }
+            match isosurface::reference_hit(&volume, 0.0, &view, [i, j], 1.0) {
+                Some(hit) if got >= 0.0 => worst_twin = worst_twin.max((hit.distance - got).abs()),
+                Some(_) | None => assert!(root.abs() < 9.0 || got < 0.0),
+            }
+        }
+    }
+    println!("{hits} hits, worst distance error {worst:.4} voxels, against the twin {worst_twin:.5}");
+    // A linear cone interpolated trilinearly errs by curvature/8: about 3/(8·15) voxel, times the obliqueness.
+    assert!(hits > 500 && worst < 0.1, "{worst}");
+    // Bisection of one voxel by 12 halvings, and single precision at a distance of some 100 voxels.
+    assert!(worst_twin < 2e-3, "{worst_twin}");
+    // Sabotage: a ball half a voxel larger is found out.
+    let view_error = isosurface::reference_hit(&volume, -0.5, &view, [32, 24], 1.0).expect("hit").distance - distance[24 * 64 + 32];
+    assert!(view_error.abs() > 0.1);
+}
+
+#[test]
+fn a_convex_lambert_surface_under_constant_light_shows_its_albedo() {
+    let engine = engine();
+    let volume = ball(64, 20.0);
+    let grid = *volume.grid();
+    let (_, medium) = load(&engine, &volume, &sphere_surface(Shading::Lambert));
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 25.0);
+    for ratio in [1, 2, 4] {
+        let field = engine.precompute(&medium, &march(ratio), &mut quiet).expect("field");
+        let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+        let picture = engine.render(&medium, &lit, &camera, &image(48, 36, 1.0), &mut quiet).expect("picture");
+        let covered: Vec<_> = picture.rgba.iter().filter(|p| p[3] > 0.0).collect();
+        let mean = covered.iter().map(|p| f64::from(p[0])).sum::<f64>() / covered.len() as f64 / 0.8;
+        let spread = (covered.iter().map(|p| (f64::from(p[0]) / 0.8 - mean).powi(2)).sum::<f64>() / covered.len() as f64).sqrt();
+        println!("1:{ratio}: {mean:.3} of the albedo, spread {spread:.3}");
+        // Nothing shadows a ball: truth is 1. Four bands of a half sky's visibility keep the cosine lobe to a few percent.
+        assert!((mean - 1.0).abs() < 0.06, "1:{ratio}: {mean}");
+        assert!(spread < 0.06, "1:{ratio}: {spread}");
+    }
+}
+
+#[test]
+fn surface_shading_equals_brute_force_quadrature() {
+    let engine = engine();
+    let volume = ball(32, 9.0);
+    let grid = *volume.grid();
+    let light = coloured();
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 25.0);
+    for shading in [Shading::Lambert, Shading::Isotropic] {
+        let (_, medium) = load(&engine, &volume, &sphere_surface(shading));
+        // A field of one cell per axis pair would be constant; 1:1 makes interpolation local instead.
+        let field = engine.precompute(&medium, &march(1), &mut quiet).expect("field");
+        let v = engine.read_field(&field).expect("read");
+        let lit = engine.relight(&field, &light).expect("light");
+        let picture = engine.render(&medium, &lit, &camera, &image(16, 12, 0.5), &mut quiet).expect("picture");
+        let view = View::new(&grid, &camera.rays(&grid, 16, 12).expect("rays"));
+        let mut hits = 0;
+        for j in 0..12 {
+            for i in 0..16 {
+                let Some(hit) = isosurface::reference_hit(&volume, 0.0, &view, [i, j], 0.5) else { continue };
+                let Some(normal) = hit.normal else { continue };
+                // Trilinear among the cells in vacuum.
+                let mut c = [0f32; 16];
+                let mut weights = 0.0;
+                let vacuum = |q: [usize; 3]| f32::from(volume.value(q[0] + 32 * (q[1] + 32 * q[2])) < 0.0);
+                weights += twin::trilinear([32; 3], hit.position, vacuum);
+                for (k, c) in c.iter_mut().enumerate() {
+                    *c = twin::trilinear([32; 3], hit.position, |q| vacuum(q) * v[(q[0] + 32 * (q[1] + 32 * q[2])) * 16 + k]);
+                }
+                if weights < 0.05 {
+                    continue;
+                }
+                let c = c.map(|c| c / weights);
+                let expected = isosurface::reference_radiance(&c, &light, [0.8, 0.6, 0.4], normal, shading);
+                let got = picture.rgba[j * 16 + i];
+                hits += 1;
+                for k in 0..3 {
+                    assert!((got[k] - expected[k]).abs() < 0.02 * (expected[k] + 0.2), "{shading:?} {i},{j}: {got:?} {expected:?}");
+                }
+                // Sabotage: a normal turned by 30 degrees is told apart (Lambert only; the other form has none).
+                if shading == Shading::Lambert && hits == 5 {
+                    let n = DVec3::from(normal);
+                    let turned = (n + 0.58 * n.any_orthonormal_vector()).normalize();
+                    let wrong = isosurface::reference_radiance(&c, &light, [0.8, 0.6, 0.4], turned.to_array(), shading);
+                    assert!((0..3).any(|k| (got[k] - wrong[k]).abs() > 0.02 * (wrong[k] + 0.2)));
+                }
+            }
+        }
+        assert!(hits > 20, "{hits}");
+    }
+}
+
+#[test]
+fn a_picture_larger_than_one_strip_is_the_same_picture() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([16, 16, 16], [1.0; 3]).expect("grid");
+    let (_, medium) = load(&engine, &blobs(grid, 8), &linear(0.8));
+    let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
+    let lit = engine.relight(&field, &coloured()).expect("light");
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
+    let run = || -> Picture { engine.render(&medium, &lit, &camera, &image(96, 1200, 1.0), &mut quiet).expect("picture") };
+    let (a, b) = (run(), run());
+    assert!(a == b, "repeated runs pace their dispatches differently and must agree bit by bit");
+}
+
+#[test]
+fn unusable_pictures_and_surfaces_are_refused_with_a_sentence() {
+    let engine = engine();
+    let volume = ball(16, 5.0);
+    let grid = *volume.grid();
+    let uploaded = engine.upload(&volume).expect("upload");
+    let outside = engine.classify(&uploaded, &surface(Surface { iso: 99.0, shading: Shading::Lambert, albedo: None })).err().expect("outside");
+    assert!(outside.to_string().contains("range"), "{outside}");
+    let (_, medium) = load(&engine, &volume, &homogeneous(0.1));
+    let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
+    let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+    for bad in [image(0, 5, 1.0), image(5, 0, 1.0), image(5, 5, 0.0), image(5, 5, f64::NAN), image(5, 5, 1e-9)] {
+        let error = engine.render(&medium, &lit, &camera(&grid, [1.0, 1.0, 1.0], 30.0), &bad, &mut quiet).err().expect("refused");
+        assert!(matches!(error, halflight::Error::Invalid { .. }), "{error}");
+    }
+}
