@@ -160,7 +160,7 @@ fn damaged_files_are_survived() {
         assert!(read(name, &dir.file(name, &[seed])), "{name}: the undamaged file opens");
         before = before.or_else(peak);
         let (mut opened, mut tried) = (0, 0);
-        for _ in 0..2000 {
+        for _ in 0..1000 {
             let mut content = mutate(&mut random, seed);
             if *name == "header.nii.gz" {
                 // Damage inside the compressed stream's content.
@@ -173,12 +173,20 @@ fn damaged_files_are_survived() {
         }
         println!("{name}: {opened} of {tried} damaged files still open, {:?}", start.elapsed());
         // The damage is real: many fail. It is not total: some still open, so more than the first check was reached.
-        assert!(opened > 20 && opened < tried - 200, "{name}: {opened} of {tried} open");
+        assert!(opened > 10 && opened < tried - 100, "{name}: {opened} of {tried} open");
     }
-    if let (Some(before), Some(after)) = (before, peak()) {
-        println!("peak memory grew by {} KiB", (after - before) >> 10);
-        assert!(after - before < 10 * CAP, "peak memory grew by {} bytes", after - before);
-    } else {
+    let (Some(before), Some(after)) = (before, peak()) else {
         println!("skipped: the peak of memory is not known on this system");
-    }
+        return;
+    };
+    println!("peak memory grew by {} KiB", (after - before) >> 10);
+    assert!(after - before < 10 * CAP, "peak memory grew by {} bytes", after - before);
+    // The measure can fail: an honest volume of 192 MiB is seen in it (an allocator may hide some tens of MiB).
+    let path = dir.file("big.nrrd", &[b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 1024 1024 192\nencoding: raw\nbyte skip: -1\n\n"]);
+    let file = std::fs::OpenOptions::new().append(true).open(&path).unwrap();
+    file.set_len(193 << 20).unwrap();
+    assert!(!read("big.nrrd", &path), "beyond the limit");
+    assert_eq!(peak().unwrap(), after);
+    assert!(read_volume(&path, &ReadOptions::default()).is_ok());
+    assert!(peak().unwrap() - before > 10 * CAP, "192 MiB are seen");
 }
