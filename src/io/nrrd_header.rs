@@ -96,9 +96,8 @@ fn field(name: &str) -> Option<&'static str> {
         "measurement frame",
         "number",
     ];
-    let squeezed = |s: &str| s.chars().filter(|c| *c != ' ').collect::<String>().to_ascii_lowercase();
-    let name = squeezed(name.trim());
-    KNOWN.into_iter().find(|k| squeezed(k) == name)
+    let letters = |s: &'static str| s.bytes().filter(|b| *b != b' ');
+    KNOWN.into_iter().find(|k| letters(k).eq(name.trim().bytes().filter(|b| *b != b' ').map(|b| b.to_ascii_lowercase())))
 }
 
 fn split<'a>(path: &'a Path, file: &mut impl BufRead) -> Result<Lines<'a>> {
