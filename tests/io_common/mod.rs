@@ -76,6 +76,8 @@ impl Folder {
     }
     pub fn file(&self, name: &str, parts: &[&[u8]]) -> PathBuf {
         let path = self.path(name);
+        // Overwriting in place waits for the disk on some systems.
+        let _ = std::fs::remove_file(&path);
         std::fs::write(&path, parts.concat()).unwrap();
         path
     }
