@@ -329,6 +329,8 @@ fn mutate(path: &Path, original: &[u8], rounds: usize, mut read: impl FnMut(&Pat
         if round % 5 == 0 {
             bytes.truncate(random(original.len()));
         }
+        // A new file each time: writing over an old one waits for the disk.
+        std::fs::remove_file(path).unwrap();
         std::fs::write(path, &bytes).unwrap();
         errors += usize::from(!read(path));
     }
