@@ -12,7 +12,13 @@ fn settings(method: Method) -> Visibility {
     Visibility { method, ratio: 1, directions: 400, bits: 32, step: 0.5, ..Visibility::default() }
 }
 
-fn estimate(engine: &halflight::Engine, volume: &Volume, matter: &halflight::scene::Matter, s: &Visibility, cells: &[u32]) -> Vec<[f32; 16]> {
+fn estimate(
+    engine: &halflight::Engine,
+    volume: &Volume,
+    matter: &halflight::scene::Matter,
+    s: &Visibility,
+    cells: &[u32],
+) -> Vec<[f32; 16]> {
     let (_, medium) = load(engine, volume, matter);
     engine.estimate(&medium, s, cells, &mut quiet).expect("estimate")
 }
@@ -72,10 +78,15 @@ fn a_homogeneous_slab_attenuates_exponentially() {
     let s = Visibility { directions: 4096, ..settings(Method::March) };
     let marched = estimate(&engine, &volume, &homogeneous(sigma), &s, &indices);
     assert!(difference(&marched, &truth) < 2e-3, "march: {}", difference(&marched, &truth));
-    // Hierarchical: products of equal transmittances are exact too, up to the half floats of the pyramid.
-    let s = Visibility { directions: 4096, ..settings(Method::Hierarchical) };
+    // Hierarchical with growth 1: steps are 1, 1, 2, 4, …, the levels are whole, and products of equal transmittances
+    // are exact too, up to the half floats of the pyramid.
+    let s = Visibility { directions: 4096, growth: 1.0, ..settings(Method::Hierarchical) };
     let h = estimate(&engine, &volume, &homogeneous(sigma), &s, &indices);
-    assert!(difference(&h, &truth) < 5e-3, "hierarchical: {}", difference(&h, &truth));
+    assert!(difference(&h, &truth) < 2e-3, "hierarchical: {}", difference(&h, &truth));
+    // Between levels the opacity is blended linearly (the paper's quadrilinear tap), which is not the opacity of the
+    // length between: up to 0.7 % of a step's transmittance too dark.
+    let quarter = estimate(&engine, &volume, &homogeneous(sigma), &Visibility { growth: 0.25, ..s.clone() }, &indices);
+    assert!(difference(&quarter, &truth) < 1.5e-2, "growth 1/4: {}", difference(&quarter, &truth));
     // Sabotage: 5 % more extinction must not pass.
     let wrong = estimate(&engine, &volume, &homogeneous(1.05 * sigma), &s, &indices);
     assert!(difference(&wrong, &truth) > 5e-3, "{}", difference(&wrong, &truth));
@@ -149,7 +160,8 @@ fn march_equals_its_twin() {
                 let coarse = march::reference(&volume, &table, dims, &cells, &set, 4.0 * grid.voxel_length());
                 if ratio == 1 && g == 0 {
                     assert!(difference(&device, &coarse) > TWIN);
-                    let other = march::reference(&volume, &table, dims, &cells, &Directions::new(38, sampling, &grid), 0.5 * grid.voxel_length());
+                    let other =
+                        march::reference(&volume, &table, dims, &cells, &Directions::new(38, sampling, &grid), 0.5 * grid.voxel_length());
                     assert!(difference(&device, &other) > TWIN);
                 }
             }
@@ -298,7 +310,10 @@ fn a_field_beyond_the_budget_is_refused_with_what_would_fit() {
     let (_, medium) = load(&engine, &volume, &linear(0.5));
     let error = engine.precompute(&medium, &Visibility { ratio: 1, ..settings(Method::March) }, &mut quiet).err().expect("too large");
     let text = error.to_string();
-    assert!(matches!(error, halflight::Error::OutOfMemory { .. }) && text.contains("1:8 would fit") || text.contains("1:4 would fit"), "{text}");
+    assert!(
+        matches!(error, halflight::Error::OutOfMemory { .. }) && text.contains("1:8 would fit") || text.contains("1:4 would fit"),
+        "{text}"
+    );
     let big = blobs(Grid::axis_aligned([192, 192, 192], [1.0; 3]).expect("grid"), 3);
     let text = engine.upload(&big).err().expect("too large").to_string();
     assert!(text.contains("would fit") && text.contains("MiB"), "{text}");
