@@ -188,7 +188,10 @@ impl Engine {
         let device = vk::Device::new(options)?;
         for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rgba16Sfloat] {
             if !device.supports_filtering(format) {
-                return Err(Error::DeviceLacks { device: device.info().name.clone(), lacks: format!("linear filtering of {format:?} images") });
+                return Err(Error::DeviceLacks {
+                    device: device.info().name.clone(),
+                    lacks: format!("linear filtering of {format:?} images"),
+                });
             }
         }
         Ok(Self { device })
@@ -228,7 +231,10 @@ impl Engine {
         let needs = grid.voxels() * u64::from(format.bytes());
         self.ask(&format!("the volume of {}x{}x{} voxels", dims[0], dims[1], dims[2]), needs, |free| {
             let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
-            format!("{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory", free / u64::from(format.bytes()))
+            format!(
+                "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",
+                free / u64::from(format.bytes())
+            )
         })?;
         let image = self.device.image3(&ImageDesc { name: "volume", dims, levels: 1, format, views: &[], storage: false })?;
         let row = dims[0] as usize * dims[1] as usize;
@@ -568,7 +574,11 @@ impl Engine {
             ControlFlow::Break(()) => Err(Error::Cancelled),
         };
         if !(image.step.is_finite() && image.step > 0.0) {
-            return Err(Error::Invalid { item: "image.step", what: format!("is {} voxels", image.step), right: "it must be above 0".into() });
+            return Err(Error::Invalid {
+                item: "image.step",
+                what: format!("is {} voxels", image.step),
+                right: "it must be above 0".into(),
+            });
         }
         if image.width > STRIP {
             return Err(Error::Invalid {

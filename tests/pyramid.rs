@@ -8,7 +8,12 @@ use halflight::stages::{classify, minify};
 
 const FILTERS: [Filter; 4] = [Filter::Box, Filter::Product, Filter::Axis, Filter::Extinction];
 
-fn pyramid(engine: &halflight::Engine, volume: &halflight::scene::Volume, matter: &halflight::scene::Matter, filter: Filter) -> Vec<Vec<f32>> {
+fn pyramid(
+    engine: &halflight::Engine,
+    volume: &halflight::scene::Volume,
+    matter: &halflight::scene::Matter,
+    filter: Filter,
+) -> Vec<Vec<f32>> {
     let (_, medium) = load(engine, volume, matter);
     engine.read_pyramid(&medium, &Visibility { filter, ..Visibility::default() }).expect("pyramid")
 }
@@ -40,10 +45,9 @@ fn a_homogeneous_medium_has_the_opacity_of_its_length() {
 #[test]
 fn an_opaque_sheet_blocks_half_of_the_axes_pairs() {
     // One opaque layer of a 2x2x2 block, across x: pairs along x all meet it (1), pairs along y and z meet it or not (½).
-    let volume = halflight::scene::Volume::from_fn(Grid::axis_aligned([2, 2, 2], [1.0; 3]).expect("grid"), |p| {
-        if p[0] < 1.0 { 1.0 } else { 0.0 }
-    })
-    .expect("volume");
+    let volume =
+        halflight::scene::Volume::from_fn(Grid::axis_aligned([2, 2, 2], [1.0; 3]).expect("grid"), |p| if p[0] < 1.0 { 1.0 } else { 0.0 })
+            .expect("volume");
     let o0 = [1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0];
     let top = |filter| minify::reference(&o0, [2, 2, 2], filter).0[0];
     assert!((top(Filter::Axis) - 2.0 / 3.0).abs() < 1e-6);
@@ -142,6 +146,9 @@ fn the_axis_filter_is_nearest_to_the_true_block_transmittance_on_sheets_and_blob
             *e += (1.0 - f64::from(level.0[0]) - t).abs() / 40.0;
         }
     }
-    println!("mean |T - truth| of an 8x8x8 block: box {:.3}, product {:.3}, axis {:.3}, extinction {:.3}", errors[0], errors[1], errors[2], errors[3]);
+    println!(
+        "mean |T - truth| of an 8x8x8 block: box {:.3}, product {:.3}, axis {:.3}, extinction {:.3}",
+        errors[0], errors[1], errors[2], errors[3]
+    );
     assert!(errors[2] < errors[0] && errors[2] < errors[1] && errors[2] < errors[3], "{errors:?}");
 }

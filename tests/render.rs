@@ -23,9 +23,11 @@ fn march(ratio: u32) -> Visibility {
 
 /// A light with energy in every coefficient and channel.
 fn coloured() -> Light {
-    Light::constant([0.3, 0.4, 0.5])
-        .plus(&Light::cone(DVec3::new(0.3, -0.5, 0.8), 40.0, [6.0, 1.0, 0.5]))
-        .plus(&Light::cone(DVec3::new(-0.8, 0.4, -0.1), 25.0, [0.2, 2.0, 9.0]))
+    Light::constant([0.3, 0.4, 0.5]).plus(&Light::cone(DVec3::new(0.3, -0.5, 0.8), 40.0, [6.0, 1.0, 0.5])).plus(&Light::cone(
+        DVec3::new(-0.8, 0.4, -0.1),
+        25.0,
+        [0.2, 2.0, 9.0],
+    ))
 }
 
 #[test]
@@ -117,9 +119,13 @@ fn a_homogeneous_box_covers_by_its_chord_for_any_step() {
 #[test]
 fn raymarch_equals_its_twin() {
     let engine = engine();
-    for (g, grid) in [Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid"), Grid::axis_aligned([19, 1, 6], [0.7, 2.0, 1.0]).expect("grid"), oblique([9, 14, 7])]
-        .into_iter()
-        .enumerate()
+    for (g, grid) in [
+        Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid"),
+        Grid::axis_aligned([19, 1, 6], [0.7, 2.0, 1.0]).expect("grid"),
+        oblique([9, 14, 7]),
+    ]
+    .into_iter()
+    .enumerate()
     {
         let volume = blobs(grid, 31 + g as u64);
         let matter = linear(0.8);
@@ -163,8 +169,10 @@ fn raymarch_equals_its_twin() {
 /// A ball of radius r about the centre: D falls linearly with distance, so that iso 0 is the sphere.
 fn ball(n: usize, r: f64) -> Volume {
     let c = n as f64 / 2.0;
-    Volume::from_fn(Grid::axis_aligned([n; 3], [1.0; 3]).expect("grid"), |p| (r - ((p[0] - c).powi(2) + (p[1] - c).powi(2) + (p[2] - c).powi(2)).sqrt()) as f32)
-        .expect("volume")
+    Volume::from_fn(Grid::axis_aligned([n; 3], [1.0; 3]).expect("grid"), |p| {
+        (r - ((p[0] - c).powi(2) + (p[1] - c).powi(2) + (p[2] - c).powi(2)).sqrt()) as f32
+    })
+    .expect("volume")
 }
 
 fn sphere_surface(shading: Shading) -> halflight::scene::Matter {
@@ -307,7 +315,8 @@ fn unusable_pictures_and_surfaces_are_refused_with_a_sentence() {
     let volume = ball(16, 5.0);
     let grid = *volume.grid();
     let uploaded = engine.upload(&volume).expect("upload");
-    let outside = engine.classify(&uploaded, &surface(Surface { iso: 99.0, shading: Shading::Lambert, albedo: None })).err().expect("outside");
+    let outside =
+        engine.classify(&uploaded, &surface(Surface { iso: 99.0, shading: Shading::Lambert, albedo: None })).err().expect("outside");
     assert!(outside.to_string().contains("range"), "{outside}");
     let (_, medium) = load(&engine, &volume, &homogeneous(0.1));
     let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");

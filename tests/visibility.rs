@@ -12,7 +12,13 @@ fn settings(method: Method) -> Visibility {
     Visibility { method, ratio: 1, directions: 400, bits: 32, step: 0.5, ..Visibility::default() }
 }
 
-fn estimate(engine: &halflight::Engine, volume: &Volume, matter: &halflight::scene::Matter, s: &Visibility, cells: &[u32]) -> Vec<[f32; 16]> {
+fn estimate(
+    engine: &halflight::Engine,
+    volume: &Volume,
+    matter: &halflight::scene::Matter,
+    s: &Visibility,
+    cells: &[u32],
+) -> Vec<[f32; 16]> {
     let (_, medium) = load(engine, volume, matter);
     engine.estimate(&medium, s, cells, &mut quiet).expect("estimate")
 }
@@ -149,7 +155,8 @@ fn march_equals_its_twin() {
                 let coarse = march::reference(&volume, &table, dims, &cells, &set, 4.0 * grid.voxel_length());
                 if ratio == 1 && g == 0 {
                     assert!(difference(&device, &coarse) > TWIN);
-                    let other = march::reference(&volume, &table, dims, &cells, &Directions::new(38, sampling, &grid), 0.5 * grid.voxel_length());
+                    let other =
+                        march::reference(&volume, &table, dims, &cells, &Directions::new(38, sampling, &grid), 0.5 * grid.voxel_length());
                     assert!(difference(&device, &other) > TWIN);
                 }
             }
@@ -298,7 +305,10 @@ fn a_field_beyond_the_budget_is_refused_with_what_would_fit() {
     let (_, medium) = load(&engine, &volume, &linear(0.5));
     let error = engine.precompute(&medium, &Visibility { ratio: 1, ..settings(Method::March) }, &mut quiet).err().expect("too large");
     let text = error.to_string();
-    assert!(matches!(error, halflight::Error::OutOfMemory { .. }) && text.contains("1:8 would fit") || text.contains("1:4 would fit"), "{text}");
+    assert!(
+        matches!(error, halflight::Error::OutOfMemory { .. }) && text.contains("1:8 would fit") || text.contains("1:4 would fit"),
+        "{text}"
+    );
     let big = blobs(Grid::axis_aligned([192, 192, 192], [1.0; 3]).expect("grid"), 3);
     let text = engine.upload(&big).err().expect("too large").to_string();
     assert!(text.contains("would fit") && text.contains("MiB"), "{text}");

@@ -44,7 +44,8 @@ impl View {
     pub fn direction(&self, i: usize, j: usize) -> [f32; 3] {
         let (u, v) = (i as f32, j as f32);
         let d: [f32; 3] = std::array::from_fn(|a| self.corner[a] + u * self.du[a] + v * self.dv[a]);
-        let mut length2 = 2.0 * (self.metric_cross[0] * d[0] * d[1] + self.metric_cross[1] * d[0] * d[2] + self.metric_cross[2] * d[1] * d[2]);
+        let mut length2 =
+            2.0 * (self.metric_cross[0] * d[0] * d[1] + self.metric_cross[1] * d[0] * d[2] + self.metric_cross[2] * d[1] * d[2]);
         for a in 0..3 {
             length2 += self.metric_diagonal[a] * d[a] * d[a];
         }

@@ -47,7 +47,9 @@ pub fn blobs(grid: Grid, seed: u64) -> Volume {
     let mut random = Random(seed);
     let n = grid.dims().map(|n| n as f64);
     let centres: Vec<([f64; 3], f64)> = (0..6)
-        .map(|_| (std::array::from_fn(|a| f64::from(random.unit()) * n[a]), (0.1 + 0.2 * f64::from(random.unit())) * n[0].max(n[1]).max(n[2])))
+        .map(|_| {
+            (std::array::from_fn(|a| f64::from(random.unit()) * n[a]), (0.1 + 0.2 * f64::from(random.unit())) * n[0].max(n[1]).max(n[2]))
+        })
         .collect();
     Volume::from_fn(grid, |p| {
         let sum: f64 = centres
@@ -65,13 +67,19 @@ pub fn blobs(grid: Grid, seed: u64) -> Volume {
 /// σ_t rises linearly from 0 at scalar 0 to `top` per world unit at scalar 1; albedo varies with the scalar.
 pub fn linear(top: f64) -> Matter {
     let points = [[0.0, 0.9, 0.2, 0.4, 0.0], [1.0, 0.3, 0.8, 0.6, top]];
-    Matter { transfer: Transfer::from_points(&points, Kind::Extinction, Reference::World).expect("a valid transfer function"), surface: None }
+    Matter {
+        transfer: Transfer::from_points(&points, Kind::Extinction, Reference::World).expect("a valid transfer function"),
+        surface: None,
+    }
 }
 
 /// The same σ_t per world unit for every scalar, albedo 1.
 pub fn homogeneous(sigma: f64) -> Matter {
     let points = [[0.0, 1.0, 1.0, 1.0, sigma]];
-    Matter { transfer: Transfer::from_points(&points, Kind::Extinction, Reference::World).expect("a valid transfer function"), surface: None }
+    Matter {
+        transfer: Transfer::from_points(&points, Kind::Extinction, Reference::World).expect("a valid transfer function"),
+        surface: None,
+    }
 }
 
 pub fn surface(surface: Surface) -> Matter {
