@@ -273,7 +273,8 @@ impl Kernel {
         let mut t = String::new();
         let name = &self.name;
         let push: usize = self.params.iter().map(|f| f.bytes).sum();
-        let _ = writeln!(t, "/// Kernel `glsl/{name}.comp`.\npub mod {} {{", ident(name));
+        let hidden = if name.starts_with("test_") { "#[doc(hidden)]\n" } else { "" };
+        let _ = writeln!(t, "/// Kernel `glsl/{name}.comp`.\n{hidden}pub mod {} {{", ident(name));
         let _ = writeln!(t, "    const SPIRV: &[u32] = &{spirv:?};\n");
         let _ = writeln!(t, "    /// What the GLSL declares.\n    pub const KERNEL: crate::vk::KernelInfo = crate::vk::KernelInfo {{");
         let _ = writeln!(t, "        name: {name:?},\n        spirv: SPIRV,\n        bindings: &[");

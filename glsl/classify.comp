@@ -3,6 +3,7 @@
 // Counted: 7 fetches, 12 table lookups, 3 exp per voxel; 2 bytes written.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#include "half.glsl"
 #include "constants.glsl"
 
 layout(local_size_x = 8, local_size_y = 8, local_size_z = 1) in;
@@ -42,5 +43,5 @@ void main() {
         mean_extinction(fetch(p - ivec3(0, 1, 0)), here, fetch(p + ivec3(0, 1, 0))),
         mean_extinction(fetch(p - ivec3(0, 0, 1)), here, fetch(p + ivec3(0, 0, 1))));
     vec3 t = exp(-mean * voxel_length);
-    imageStore(opacity, p, vec4(1.0 - (t.x + t.y + t.z) / 3.0));
+    imageStore(opacity, p, to_nearest_half(vec4(1.0 - (t.x + t.y + t.z) / 3.0)));
 }

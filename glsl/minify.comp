@@ -4,6 +4,7 @@
 // up to 3 per axis otherwise). Counted: 8 fetches per cell when dims are even; 2 bytes written.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#include "half.glsl"
 
 layout(local_size_x = 4, local_size_y = 4, local_size_z = 4) in;
 
@@ -67,5 +68,5 @@ void main() {
         }
         opacity = sum / 12.0;
     }
-    imageStore(coarser, ivec3(c), vec4(opacity));
+    imageStore(coarser, ivec3(c), to_nearest_half(vec4(opacity)));
 }

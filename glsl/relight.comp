@@ -3,6 +3,7 @@
 // afterwards is exact. Counted: 4 texels read, 48 multiply-adds, 8 bytes written per cell.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#include "half.glsl"
 #include "constants.glsl"
 
 layout(local_size_x = 4, local_size_y = 4, local_size_z = 4) in;
@@ -40,5 +41,5 @@ void main() {
     if (BANDS > 2) sum += group_product(decode(texelFetch(field2, p, 0), 2u), 2u);
     if (BANDS > 3) sum += group_product(decode(texelFetch(field3, p, 0), 3u), 3u);
     vec3 s = clamp(sum * INV_4PI, -HALF_MAX, HALF_MAX);
-    imageStore(irradiance, p, vec4(s, v0.x * INV_V00));
+    imageStore(irradiance, p, to_nearest_half(vec4(s, v0.x * INV_V00)));
 }

@@ -14,8 +14,9 @@ fn data(name: &str) -> Option<PathBuf> {
 
 #[test]
 fn volumes_are_as_documented() {
-    // Ranges are those of the stored samples.
-    let expected: [(&str, [usize; 3], &str, [f64; 3], [f32; 2]); 15] = [
+    /// File, dims, type, spacing, range of the stored samples.
+    type Documented = (&'static str, [usize; 3], &'static str, [f64; 3], [f32; 2]);
+    let expected: [Documented; 15] = [
         ("engine.nii.gz", [256, 256, 128], "uint8", [1.0; 3], [0.0, 255.0]),
         ("bonsai.nii.gz", [256; 3], "uint8", [1.0; 3], [0.0, 255.0]),
         ("heptane.nii.gz", [302; 3], "uint8", [1.0; 3], [0.0, 255.0]),
@@ -37,9 +38,8 @@ fn volumes_are_as_documented() {
         let volume = read_volume(&path, &ReadOptions::default()).unwrap();
         let info = describe(&volume);
         assert_eq!((info.dims, info.sample_type), (dims, kind), "{name}");
-        for a in 0..3 {
-            assert!((info.spacing[a] - spacing[a]).abs() < 2e-4 * spacing[a], "{name}: spacing {:?}", info.spacing);
-        }
+        let near = info.spacing.iter().zip(spacing).all(|(a, b)| (a - b).abs() < 2e-4 * b);
+        assert!(near, "{name}: spacing {:?}", info.spacing);
         let stored = info.range.map(|v| (v - info.intercept) / info.slope);
         println!("{name}: {:?} slope {} directions {:?} first {:?}", info.range, info.slope, info.directions, info.first_centre);
         if name == "flair_oblique_gzip.nrrd" {

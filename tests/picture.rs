@@ -54,6 +54,18 @@ fn exr_there_and_back() {
 }
 
 #[test]
+fn a_cut_exr_is_an_error_not_a_darker_picture() {
+    let dir = folder();
+    let (whole, cut) = (dir.path().join("a.exr"), dir.path().join("b.exr"));
+    write_exr(&whole, &picture(), &[]).unwrap();
+    let bytes = std::fs::read(&whole).unwrap();
+    for n in [0, 3, 4, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&cut, &bytes[..n]).unwrap();
+        assert!(matches!(read_picture_exr(&cut), Err(Error::Format { .. })), "the first {n} of {} bytes", bytes.len());
+    }
+}
+
+#[test]
 fn exr_keeps_what_only_floats_hold() {
     let dir = folder();
     let path = dir.path().join("a.exr");
@@ -172,7 +184,6 @@ fn exr_probes_of_every_sample_type_and_encoding() {
         Layer::new((16, 8), LayerAttributes::named(name), Encoding::SMALL_LOSSLESS, AnyChannels::sort(list))
     };
     let layers = vec![layer("depth", vec![("Z", float(0))]), layer("light", vec![("R", float(0)), ("G", float(1)), ("B", float(2))])];
-    Image::empty(ImageAttributes::new(IntegerBounds::from_dimensions((16, 8))));
     Image::from_layers(ImageAttributes::new(IntegerBounds::from_dimensions((16, 8))), layers).write().to_file(&path).unwrap();
     assert_is_the_probe(&path, false);
     // No colour at all: the error names what there is.
@@ -318,6 +329,8 @@ fn mutate(path: &Path, original: &[u8], rounds: usize, mut read: impl FnMut(&Pat
         if round % 5 == 0 {
             bytes.truncate(random(original.len()));
         }
+        // A new file each time: writing over an old one waits for the disk.
+        std::fs::remove_file(path).unwrap();
         std::fs::write(path, &bytes).unwrap();
         errors += usize::from(!read(path));
     }

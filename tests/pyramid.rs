@@ -18,7 +18,7 @@ fn pyramid(
     engine.read_pyramid(&medium, &Visibility { filter, ..Visibility::default() }).expect("pyramid")
 }
 
-/// O is stored as half float: half a unit in the last place of values below 1, and the device's exp.
+/// O is stored as the nearest half float: half a unit in the last place of values below 1, and the device's exp.
 const HALF: f32 = 2.5e-4 + 1e-5;
 
 #[test]

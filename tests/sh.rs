@@ -302,8 +302,8 @@ fn lambert_matrix_is_the_brute_force_integral() {
         rows.iter().map(|&k| lobe[k] * (0..16).map(|i| matrix[k][i][c] * v[i]).sum::<f64>()).sum()
     };
     for n in directions(20) {
-        for c in 0..3 {
-            let truth = irradiance(&v, &channels[c], n);
+        for (c, light) in channels.iter().enumerate() {
+            let truth = irradiance(&v, light, n);
             assert!((shade(n, &kept, c) - truth).abs() < 1e-12, "{n} {c}: {} {truth}", shade(n, &kept, c));
         }
     }

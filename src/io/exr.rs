@@ -23,7 +23,7 @@ const MAX_CHANNELS: usize = 64;
 const MAX_SIDE: usize = 65_536;
 
 /// Most pixels of a picture.
-const MAX_PIXELS: usize = 1 << 28;
+const MAX_PIXELS: usize = 1 << 27;
 
 /// Writes linear, premultiplied RGBA (OpenEXR's convention) as 32-bit float, ZIP compressed. Each pair of `meta` becomes a
 /// text attribute `halflight/KEY`, a name that no standard attribute has.
@@ -183,28 +183,30 @@ struct Grid<const N: usize> {
 
 impl<const N: usize> Grid<N> {
     fn new(size: Vec2<usize>) -> Self {
-        let mut pixels = Vec::new();
-        let count = size.0.saturating_mul(size.1);
-        // Memory that is not there leaves the grid empty, which `whole` refuses.
-        if count <= MAX_PIXELS && pixels.try_reserve_exact(count).is_ok() {
-            pixels.resize(count, [0.0; N]);
-        }
-        Self { size, pixels }
+        Self { size, pixels: Vec::new() }
     }
 
     fn put(&mut self, at: Vec2<usize>, value: [f32; N]) {
-        if let Some(pixel) = self.pixels.get_mut(at.1 * self.size.0 + at.0) {
-            *pixel = value;
+        let Vec2(width, height) = self.size;
+        // Memory grows by the row with what the file delivers. Where there is none left the pixels end, which `whole` sees.
+        if at.0 < width && at.1 < height && width.saturating_mul(height) <= MAX_PIXELS {
+            let needed = (at.1 + 1) * width;
+            if needed > self.pixels.len() && self.pixels.try_reserve(needed - self.pixels.len()).is_ok() {
+                self.pixels.resize(needed, [0.0; N]);
+            }
+            if let Some(pixel) = self.pixels.get_mut(at.1 * width + at.0) {
+                *pixel = value;
+            }
         }
     }
 
     fn whole(self, path: &Path) -> Result<(usize, usize, Vec<[f32; N]>)> {
         let Vec2(width, height) = self.size;
-        if self.pixels.len() != width.saturating_mul(height) {
+        if self.pixels.is_empty() || Some(self.pixels.len()) != width.checked_mul(height) {
             return Err(Error::Format {
                 path: path.to_owned(),
-                what: format!("its {width}x{height} pixels do not fit into memory"),
-                right: "a smaller picture would".into(),
+                what: format!("{} of its {width}x{height} pixels could be read", self.pixels.len()),
+                right: "all must be there and fit into memory".into(),
             });
         }
         Ok((width, height, self.pixels))

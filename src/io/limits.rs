@@ -18,7 +18,7 @@ const DEFLATE_RATIO: u64 = 1032;
 /// A file's text as an error quotes it: control characters escaped, at most 200 characters.
 pub(crate) fn quote(text: &str) -> String {
     let mut out = String::new();
-    for (i, c) in text.chars().flat_map(|c| Escaped::new(c)).enumerate() {
+    for (i, c) in text.chars().flat_map(Escaped::new).enumerate() {
         if i >= QUOTED {
             out.push('…');
             break;

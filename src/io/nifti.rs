@@ -5,7 +5,7 @@
 //! qform, else the spacings alone, where the centre of voxel 0 lies at the world origin.
 
 use super::ReadOptions;
-use super::limits::{Source, bad, fill, grid, open, quote};
+use super::limits::{Source, bad, damaged, fill, grid, open, quote};
 use super::samples::{self, Layout, SampleType};
 use crate::error::{Error, Result};
 use crate::scene::{Grid, Volume};
@@ -55,7 +55,10 @@ impl Bytes<'_> {
 pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, gzip: bool, options: &ReadOptions) -> Result<Volume> {
     let mut source = Source::new(path, file, length, 0, gzip)?;
     let mut raw = [0; HEADER];
-    let (n, _) = fill(&mut source, &mut raw);
+    let (n, error) = fill(&mut source, &mut raw);
+    if let Some(e) = error {
+        return Err(damaged(path, &source, e, format!("after {n} of the header's {HEADER} bytes")));
+    }
     if n < HEADER {
         return Err(bad(path, format!("it ends after {n} bytes, inside its header"), "a NIfTI-1 header has 348 bytes"));
     }

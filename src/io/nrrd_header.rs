@@ -96,9 +96,8 @@ fn field(name: &str) -> Option<&'static str> {
         "measurement frame",
         "number",
     ];
-    let squeezed = |s: &str| s.chars().filter(|c| *c != ' ').collect::<String>().to_ascii_lowercase();
-    let name = squeezed(name.trim());
-    KNOWN.into_iter().find(|k| squeezed(k) == name)
+    let letters = |s: &'static str| s.bytes().filter(|b| *b != b' ');
+    KNOWN.into_iter().find(|k| letters(k).eq(name.trim().bytes().filter(|b| *b != b' ').map(|b| b.to_ascii_lowercase())))
 }
 
 fn split<'a>(path: &'a Path, file: &mut impl BufRead) -> Result<Lines<'a>> {
@@ -257,22 +256,10 @@ impl Lines<'_> {
     }
 
     fn kind(&self) -> Result<SampleType> {
-        let text = self.needed("type", "type: uint8, int16, float, … is needed")?.to_ascii_lowercase();
-        Ok(match text.split_whitespace().collect::<Vec<_>>().join(" ").as_str() {
-            "signed char" | "int8" | "int8_t" => SampleType::I8,
-            "uchar" | "unsigned char" | "uint8" | "uint8_t" => SampleType::U8,
-            "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => SampleType::I16,
-            "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => SampleType::U16,
-            "int" | "signed int" | "int32" | "int32_t" => SampleType::I32,
-            "uint" | "unsigned int" | "uint32" | "uint32_t" => SampleType::U32,
-            "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64" | "int64_t" => {
-                SampleType::I64
-            }
-            "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => SampleType::U64,
-            "float" => SampleType::F32,
-            "double" => SampleType::F64,
-            "block" => return Err(self.wrong("type", "blocks of bytes are no scalars; an integer or float type is needed")),
-            _ => return Err(self.wrong("type", "it must be an NRRD type: int8, uint8, … int64, uint64, float or double")),
+        let text = self.needed("type", "type: uint8, int16, float, … is needed")?;
+        SampleType::from_name(text).ok_or_else(|| match text {
+            "block" => self.wrong("type", "blocks of bytes are no scalars; an integer or float type is needed"),
+            _ => self.wrong("type", "it must be an NRRD type: int8, uint8, … int64, uint64, float or double"),
         })
     }
 

@@ -63,15 +63,15 @@ pub fn write_png(path: &Path, picture: &Picture, exposure_stops: f32, meta: &[(S
 
 /// One pixel for display.
 fn display([r, g, b, alpha]: [f32; 4], gain: f32) -> [u8; 4] {
-    // A NaN becomes 0 here and below: `max` returns its other operand.
-    let alpha = alpha.max(0.0).min(1.0);
+    // A NaN goes through as NaN and ends as 0 in the cast.
+    let alpha = alpha.clamp(0.0, 1.0);
     let color = |x: f32| if alpha > 0.0 { quantised(srgb(x.max(0.0) / alpha * gain)) } else { 0 };
     [color(r), color(g), color(b), quantised(alpha)]
 }
 
 /// sRGB's transfer function of linear 0..1.
 pub fn srgb(linear: f32) -> f32 {
-    let x = linear.max(0.0).min(1.0);
+    let x = linear.clamp(0.0, 1.0);
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 

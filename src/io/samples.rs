@@ -50,6 +50,25 @@ impl SampleType {
         }
     }
 
+    /// The type of that name: those of [`SampleType::name`], and NRRD's ("unsigned char", "short", "double", …), in any
+    /// case.
+    pub fn from_name(name: &str) -> Option<Self> {
+        use SampleType::*;
+        Some(match name.to_ascii_lowercase().split_whitespace().collect::<Vec<_>>().join(" ").as_str() {
+            "signed char" | "int8" | "int8_t" => I8,
+            "uchar" | "unsigned char" | "uint8" | "uint8_t" => U8,
+            "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => I16,
+            "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => U16,
+            "int" | "signed int" | "int32" | "int32_t" => I32,
+            "uint" | "unsigned int" | "uint32" | "uint32_t" => U32,
+            "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64" | "int64_t" => I64,
+            "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => U64,
+            "float" | "float32" => F32,
+            "double" | "float64" => F64,
+            _ => return None,
+        })
+    }
+
     /// "uint8", "float32", …
     pub fn name(self) -> &'static str {
         use SampleType::*;

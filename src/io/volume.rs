@@ -90,7 +90,9 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
         }
         return nrrd::read(path, file, length, options);
     }
-    if nifti::is_header(&head) {
+    // A .nii that is cut short in its header has nothing else to be known by.
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    if nifti::is_header(&head) || (n > 0 && (name.ends_with(".nii") || name.ends_with(".nii.gz"))) {
         return nifti::read(path, file, length, gzip, options);
     }
     // The data half of a pair has no mark of its own.

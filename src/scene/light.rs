@@ -66,6 +66,9 @@ impl Probe {
 
     /// Radiance seen along `dir` (any length but 0): bilinear between pixel centres, which lie at (i+½)/width and
     /// (j+½)/height; wraps around in azimuth, clamps at the poles. To look a rotated light up, turn `dir` back.
+    ///
+    /// Mitsuba 3's `envmap` puts its first and last row onto the poles instead (row j at j/(height−1)): the same on the
+    /// horizon, half a row off toward the poles, and 2 % darker or brighter where a pole's sky is (256x128).
     pub fn radiance(&self, dir: DVec3) -> [f32; 3] {
         let dir = dir.normalize_or(DVec3::Z);
         let u = (dir.x.atan2(dir.y) / (2.0 * PI)).rem_euclid(1.0) * self.width as f64 - 0.5;

@@ -72,6 +72,8 @@ pub(super) enum Need {
     ImageStore,
     /// Storage image that the kernel reads and writes.
     ImageLoadStore,
+    /// Buffer set by a transfer.
+    Fill,
 }
 
 impl Need {
@@ -85,18 +87,19 @@ impl Need {
             Self::BufferRead | Self::Sample => Access::ComputeRead,
             Self::BufferWrite | Self::ImageStore => Access::ComputeWrite,
             Self::BufferReadWrite | Self::ImageLoad | Self::ImageLoadStore => Access::ComputeReadWrite,
+            Self::Fill => Access::TransferWrite,
         }
     }
 
     fn served_by(self, access: Access) -> bool {
-        use Access::{ComputeRead, ComputeReadWrite, ComputeWrite, None};
+        use Access::{ComputeRead, ComputeReadWrite, ComputeWrite};
         match self {
             Self::BufferRead => matches!(access, ComputeRead | ComputeReadWrite),
-            // A buffer that nobody touched yet has no layout to change and nothing to wait for.
-            Self::BufferWrite => matches!(access, None | ComputeWrite | ComputeReadWrite),
+            Self::BufferWrite => matches!(access, ComputeWrite | ComputeReadWrite),
             Self::Sample => access == ComputeRead,
             Self::ImageStore => matches!(access, ComputeWrite | ComputeReadWrite),
             Self::BufferReadWrite | Self::ImageLoad | Self::ImageLoadStore => access == ComputeReadWrite,
+            Self::Fill => access == Access::TransferWrite,
         }
     }
 }
@@ -127,9 +130,17 @@ impl State {
     /// The state after a use, or nothing where a barrier is missing.
     pub(super) fn after(self, need: Need) -> Option<Self> {
         let free = if need.writes() { self.used == Used::No } else { self.used != Used::Written };
-        let fresh = self.access == Access::None && need == Need::BufferWrite;
-        let access = if fresh { Access::ComputeWrite } else { self.access };
-        (need.served_by(self.access) && free).then_some(Self { access, used: if need.writes() { Used::Written } else { Used::Read } })
+        // A buffer that nobody touched yet has no layout to change and nothing to wait for.
+        let fresh = self.access == Access::None && matches!(need, Need::BufferWrite | Need::Fill);
+        let access = if fresh { need.access() } else { self.access };
+        (need.served_by(access) && free).then_some(Self { access, used: if need.writes() { Used::Written } else { Used::Read } })
+    }
+
+    /// Whether a recording that began in `self` and ended in `now` may still run after others left `found`. Reads in between
+    /// matter only to one that writes.
+    pub(super) fn still_holds(self, found: Self, now: Self) -> bool {
+        let only_reads = now.access == self.access && now.used != Used::Written;
+        found == self || (only_reads && found == Self { access: self.access, used: Used::Read })
     }
 
     pub(super) fn describe(self) -> String {
@@ -179,5 +190,61 @@ impl<'a> Half<'a> {
     /// The access that comes next.
     pub fn to(self, access: Access) -> Barrier<'a> {
         Barrier { resource: self.resource, from: self.from, to: access }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use Access::{ComputeRead, ComputeReadWrite, ComputeWrite, TransferWrite};
+
+    #[test]
+    fn a_use_needs_its_announcement() {
+        let served = |access, need| State::ready(access).after(need).is_some();
+        for (need, right) in [
+            (Need::BufferRead, &[ComputeRead, ComputeReadWrite][..]),
+            (Need::BufferWrite, &[ComputeWrite, ComputeReadWrite, Access::None]),
+            (Need::BufferReadWrite, &[ComputeReadWrite]),
+            (Need::Sample, &[ComputeRead]),
+            (Need::ImageLoad, &[ComputeReadWrite]),
+            (Need::ImageStore, &[ComputeWrite, ComputeReadWrite]),
+            (Need::ImageLoadStore, &[ComputeReadWrite]),
+            (Need::Fill, &[TransferWrite, Access::None]),
+        ] {
+            for access in [
+                Access::None,
+                ComputeWrite,
+                ComputeRead,
+                ComputeReadWrite,
+                Access::TransferRead,
+                TransferWrite,
+                Access::HostRead,
+                Access::HostWrite,
+            ] {
+                assert_eq!(served(access, need), right.contains(&access), "{need:?} after {access:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn reads_repeat_and_writes_do_not() {
+        let read = State::ready(ComputeReadWrite).after(Need::BufferRead).unwrap();
+        assert_eq!(read.after(Need::BufferRead), Some(read));
+        assert_eq!(read.after(Need::BufferWrite), Option::None, "write after read");
+        let written = State::ready(ComputeReadWrite).after(Need::BufferReadWrite).unwrap();
+        assert_eq!(written.after(Need::BufferReadWrite), Option::None, "write after write");
+        assert_eq!(written.after(Need::BufferRead), Option::None, "read after write");
+    }
+
+    #[test]
+    fn a_recording_outlives_the_reads_of_others_only() {
+        let before = State::ready(ComputeRead);
+        let read = State { access: ComputeRead, used: Used::Read };
+        let written = State { access: ComputeWrite, used: Used::Written };
+        assert!(before.still_holds(before, written));
+        assert!(before.still_holds(read, read));
+        assert!(!before.still_holds(read, written));
+        assert!(!before.still_holds(written, read));
     }
 }

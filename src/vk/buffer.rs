@@ -76,6 +76,13 @@ impl BufferInner {
     }
 }
 
+impl BufferInner {
+    /// As [`BufferInner::mapped`], unless copies are to be staged.
+    pub(super) fn direct(&self, cached: bool) -> Option<NonNull<u8>> {
+        if self.raw.always_stage { None } else { self.mapped(cached) }
+    }
+}
+
 impl Buffer {
     pub(super) fn storage(raw: &Arc<Raw>, name: &str, bytes: u64) -> Result<Self> {
         if bytes == 0 {

@@ -3,14 +3,17 @@
 use super::kernel::Pipeline;
 use super::raw::Raw;
 use super::slot::Slot;
+use super::staging::Staging;
 use super::timing::{Clock, Span};
-use super::transfer::Staging;
 use super::{Buffer, DeviceInfo, Format, Image, ImageDesc, KernelInfo, Memory, Options, Recorder, cache, canary, failed, lock};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock};
+
+/// Kernel and specialization words.
+type PipelineKey = (&'static str, Vec<u32>);
 
 /// A Vulkan device with one compute queue. Clones are the same device; buffers, images and recorders keep it alive.
 #[derive(Clone)]
@@ -24,7 +27,7 @@ pub(super) struct Shared {
     pub timings: Mutex<Vec<Span>>,
     pub slots: Mutex<Vec<Slot>>,
     pub staging: Mutex<Staging>,
-    pipelines: Mutex<HashMap<(&'static str, Vec<u32>), Arc<Pipeline>>>,
+    pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,
     cache: vk::PipelineCache,
     cache_path: Option<PathBuf>,
     loop_limit: OnceLock<u32>,

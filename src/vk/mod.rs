@@ -17,8 +17,10 @@ mod raw;
 mod recorder;
 mod select;
 mod slot;
+mod staging;
 mod timing;
 mod transfer;
+mod transfer_image;
 
 pub use access::{Access, Barrier, Half, Resource};
 pub use buffer::Buffer;

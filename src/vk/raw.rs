@@ -40,6 +40,7 @@ pub(super) struct Raw {
     /// One at a time may submit, and it waits inside: all device work is serialised here.
     pub queue: Mutex<vk::Queue>,
     pub names: Option<ash::ext::debug_utils::Device>,
+    pub always_stage: bool,
     messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
     pub messages: Box<Messages>,
@@ -134,6 +135,7 @@ impl Raw {
                 timestamp_bits: parts.timestamp_bits,
                 queue: Mutex::new(parts.queue),
                 names: parts.names,
+                always_stage: options.always_stage,
                 messenger: parts.messenger,
                 messages,
                 allocator: Mutex::new(ManuallyDrop::new(parts.allocator)),

@@ -5,7 +5,7 @@ use super::buffer::BufferInner;
 use super::image::{ImageInner, range};
 use super::kernel::BindingInfo;
 use super::slot::Slot;
-use super::{Barrier, Bindings, Bound, Device, KernelInfo, Specialization, lock, timing};
+use super::{Access, Barrier, Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::collections::HashMap;
@@ -135,6 +135,14 @@ impl Recorder {
         let mut buffers = Vec::new();
         let mut images = Vec::new();
         for barrier in barriers {
+            if barrier.to == Access::None {
+                self.wrong.get_or_insert_with(|| Error::Invalid {
+                    item: "barrier",
+                    what: String::from("leads to no access"),
+                    right: String::from("name the access that comes next"),
+                });
+                continue;
+            }
             match barrier.resource.target {
                 Target::Buffer(buffer) => {
                     self.pass(&Kept::Buffer(buffer.inner.clone()), barrier);
@@ -164,6 +172,31 @@ impl Recorder {
         }
     }
 
+    /// Sets all words of a buffer. Its last access must be announced as [`Access::TransferWrite`], or it must be new.
+    ///
+    /// # Errors
+    /// [`Error::Hazard`] where the barrier is missing.
+    pub fn fill(&mut self, buffer: &Buffer, word: u32) -> Result<()> {
+        if let Some(error) = self.wrong.take() {
+            return Err(error);
+        }
+        let kept = Kept::Buffer(buffer.inner.clone());
+        let entry = self.entry(&kept);
+        let had = entry.now;
+        let Some(after) = had.after(Need::Fill) else {
+            return Err(Error::Hazard {
+                kernel: "fill",
+                binding: "buffer",
+                had: format!("{} of {}", had.describe(), kept.describe()),
+                needs: format!("{:?}", Need::Fill.access()),
+            });
+        };
+        entry.now = after;
+        // SAFETY: the command buffer is in recording; the buffer's size is a multiple of 4, and the ledger keeps it alive.
+        unsafe { self.device.0.raw.device.cmd_fill_buffer(self.slot.commands, buffer.inner.handle, 0, vk::WHOLE_SIZE, word) };
+        Ok(())
+    }
+
     /// Runs what was recorded and waits until it is done; its time goes to [`Device::take_timings`].
     ///
     /// # Errors
@@ -174,12 +207,12 @@ impl Recorder {
         }
         for entry in self.ledger.values() {
             let found = *lock(entry.kept.state());
-            if found != entry.before {
+            if !entry.before.still_holds(found, entry.now) {
                 return Err(Error::Hazard {
                     kernel: "submit",
                     binding: "resource",
-                    had: format!("{} of {}, by another recorder", found.describe(), entry.kept.describe()),
-                    needs: format!("{} as when it was recorded", entry.before.describe()),
+                    had: format!("{} of {}, since it was recorded", found.describe(), entry.kept.describe()),
+                    needs: format!("{}, as then", entry.before.describe()),
                 });
             }
         }

@@ -1,0 +1,166 @@
+//! Texels in and out, in pieces of one staging half.
+
+use super::access::{Access, State};
+use super::image::ImageInner;
+use super::recorder::{buffer_barrier, image_barrier};
+use super::staging::{HALF, ring};
+use super::transfer::{pipeline_barrier, written, zeroed};
+use super::{Device, Image, lock};
+use crate::error::{Error, Result};
+use ash::vk;
+
+impl Device {
+    /// Fills one level of an image, which kernels may then sample. `fill` gets the first slice and the bytes of some whole slices,
+    /// tightly packed, x fastest, in ascending order; it must write all of them and must not use the device.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a level that is not there; failures of the driver.
+    pub fn write_image(&self, image: &Image, level: u32, fill: &mut dyn FnMut(u32, &mut [u8])) -> Result<()> {
+        let walk = Walk::new(image, level)?;
+        let inner = &image.inner;
+        let raw = &self.0.raw;
+        let state = *lock(&inner.states[level as usize]);
+        let mut staging = lock(&self.0.staging);
+        let mut ring = ring(&mut staging.up, raw, "staging up", true)?;
+        // A slice that does not fit a half is filled aside and copied by rows.
+        let mut aside = if walk.slice > HALF { zeroed::<u8>(walk.slice)? } else { Vec::new() };
+        let parts = walk.parts();
+        let last = parts.len().saturating_sub(1);
+        for (i, part) in parts.iter().enumerate() {
+            let (offset, commands) = ring.begin()?;
+            if i == 0 {
+                let barrier = image_barrier(inner.handle, level, 1, state.access.meaning(true), Access::TransferWrite.meaning(true));
+                pipeline_barrier(raw, commands, &[], &[barrier]);
+            }
+            // SAFETY: the region lies inside the level and the half; both outlive the wait below.
+            unsafe {
+                let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+                let region = [walk.region(part, level, offset)];
+                raw.device.cmd_copy_buffer_to_image(commands, ring.buffer.handle, inner.handle, layout, &region);
+            }
+            if i == last {
+                let barrier = image_barrier(inner.handle, level, 1, Access::TransferWrite.meaning(true), Access::ComputeRead.meaning(true));
+                pipeline_barrier(raw, commands, &[], &[barrier]);
+            }
+            let len = walk.bytes(part);
+            if aside.is_empty() {
+                fill(part.z, ring.bytes(offset, len));
+            } else {
+                if part.y == 0 {
+                    fill(part.z, &mut aside);
+                }
+                let start = part.y as usize * walk.row;
+                ring.bytes(offset, len).copy_from_slice(&aside[start..start + len]);
+            }
+            ring.submit(offset)?;
+        }
+        ring.wait()?;
+        *lock(&inner.states[level as usize]) = State::ready(Access::ComputeRead);
+        Ok(())
+    }
+
+    /// The texels of one level, tightly packed, x fastest; kernels may then sample it.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a level that is not there; [`Error::Hazard`] if nobody ever wrote it; failures of the driver.
+    pub fn read_image(&self, image: &Image, level: u32) -> Result<Vec<u8>> {
+        let walk = Walk::new(image, level)?;
+        let inner = &image.inner;
+        let raw = &self.0.raw;
+        let state = *lock(&inner.states[level as usize]);
+        written(state, &inner.name)?;
+        let mut data = zeroed::<u8>(walk.slice * walk.dims[2] as usize)?;
+        let mut staging = lock(&self.0.staging);
+        let mut ring = ring(&mut staging.down, raw, "staging down", false)?;
+        let parts = walk.parts();
+        let last = parts.len().saturating_sub(1);
+        for (i, part) in parts.iter().enumerate() {
+            let (offset, commands) = ring.begin()?;
+            if i == 0 {
+                let barrier = image_barrier(inner.handle, level, 1, state.access.meaning(true), Access::TransferRead.meaning(true));
+                pipeline_barrier(raw, commands, &[], &[barrier]);
+            }
+            // SAFETY: the region lies inside the level and the half; both outlive the wait below.
+            unsafe {
+                let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+                let region = [walk.region(part, level, offset)];
+                raw.device.cmd_copy_image_to_buffer(commands, inner.handle, layout, ring.buffer.handle, &region);
+            }
+            let host = buffer_barrier(ring.buffer.handle, Access::TransferWrite.meaning(false), Access::HostRead.meaning(false));
+            let back = image_barrier(inner.handle, level, 1, Access::TransferRead.meaning(true), Access::ComputeRead.meaning(true));
+            pipeline_barrier(raw, commands, &[host], if i == last { std::slice::from_ref(&back) } else { &[] });
+            ring.submit(offset)?;
+            ring.wait()?;
+            let start = part.z as usize * walk.slice + part.y as usize * walk.row;
+            let len = walk.bytes(part);
+            data[start..start + len].copy_from_slice(ring.bytes(offset, len));
+        }
+        *lock(&inner.states[level as usize]) = State::ready(Access::ComputeRead);
+        Ok(data)
+    }
+}
+
+/// How a level is cut into pieces of one staging half.
+struct Walk {
+    dims: [u32; 3],
+    /// Bytes of a row and of a slice.
+    row: usize,
+    slice: usize,
+}
+
+/// Whole slices, or rows of one slice.
+struct Part {
+    y: u32,
+    z: u32,
+    rows: u32,
+    slices: u32,
+}
+
+impl Walk {
+    fn new(image: &Image, level: u32) -> Result<Self> {
+        let inner: &ImageInner = &image.inner;
+        if level >= image.levels() {
+            return Err(Error::Invalid {
+                item: "image level",
+                what: format!("'{}' has no level {level}", inner.name),
+                right: format!("it has {} levels", image.levels()),
+            });
+        }
+        let dims = inner.level_dims(level);
+        let row = dims[0] as usize * inner.format.bytes() as usize;
+        Ok(Self { dims, row, slice: row * dims[1] as usize })
+    }
+
+    fn parts(&self) -> Vec<Part> {
+        let [_, height, depth] = self.dims;
+        if self.slice <= HALF {
+            let step = (HALF / self.slice) as u32;
+            return (0..depth).step_by(step as usize).map(|z| Part { y: 0, z, rows: height, slices: step.min(depth - z) }).collect();
+        }
+        let step = ((HALF / self.row) as u32).max(1);
+        (0..depth)
+            .flat_map(|z| (0..height).step_by(step as usize).map(move |y| Part { y, z, rows: step.min(height - y), slices: 1 }))
+            .collect()
+    }
+
+    fn bytes(&self, part: &Part) -> usize {
+        self.row * part.rows as usize * part.slices as usize
+    }
+
+    fn region(&self, part: &Part, level: u32, offset: usize) -> vk::BufferImageCopy {
+        vk::BufferImageCopy {
+            buffer_offset: offset as u64,
+            buffer_row_length: 0,
+            buffer_image_height: 0,
+            image_subresource: vk::ImageSubresourceLayers {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                mip_level: level,
+                base_array_layer: 0,
+                layer_count: 1,
+            },
+            // An image edge has 2^31 texels at most.
+            image_offset: vk::Offset3D { x: 0, y: part.y as i32, z: part.z as i32 },
+            image_extent: vk::Extent3D { width: self.dims[0], height: part.rows, depth: part.slices },
+        }
+    }
+}
