@@ -95,8 +95,8 @@ fn rounded_box(p: DVec3, half: DVec3, radius: f64) -> f64 {
 /// What is seen beside the block, linear radiance.
 pub const BACKGROUND: [f32; 3] = [0.045, 0.05, 0.06];
 
-/// Exposure of the demo pictures, stops.
-pub const EXPOSURE: f64 = 0.0;
+/// Exposure of the translucent and of the opaque picture, stops: an isotropic haze sends back far less than a pale surface.
+pub const EXPOSURES: [f64; 2] = [1.0, -0.75];
 
 /// The translucent view: the block as haze, the metal dense in it.
 ///
@@ -129,8 +129,8 @@ pub fn camera(grid: &Grid) -> Camera {
     let centre = grid.centre_world();
     let side = grid.longest_side();
     Camera {
-        position: centre + DVec3::new(0.62, -1.75, 0.80) * side,
-        target: centre + DVec3::new(0.0, -0.02, -0.02) * side,
+        position: centre + DVec3::new(0.50, -1.42, 0.62) * side,
+        target: centre + DVec3::new(0.01, -0.06, -0.01) * side,
         up: DVec3::Z,
         fov_degrees: 30.0,
     }
@@ -138,5 +138,5 @@ pub fn camera(grid: &Grid) -> Camera {
 
 /// Field settings of the demo: `quick` for a look, otherwise for show.
 pub fn visibility(quick: bool) -> Visibility {
-    Visibility { ratio: if quick { 4 } else { 2 }, directions: if quick { 128 } else { 256 }, ..Visibility::default() }
+    Visibility { ratio: 4, directions: if quick { 128 } else { 400 }, ..Visibility::default() }
 }

@@ -32,17 +32,19 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let rays = camera.rays(volume.grid(), width, height)?;
     let on_device = engine.upload(&volume)?;
     let mut written = Vec::new();
-    for (name, matter) in [("demo_dvr", demo::dvr()?), ("demo_iso", demo::iso()?)] {
+    let scenes = [("demo_dvr", demo::dvr()?), ("demo_iso", demo::iso()?)];
+    for ((name, matter), exposure) in scenes.into_iter().zip(demo::EXPOSURES) {
         let medium = engine.classify(&on_device, &matter)?;
         let bar = Progress::new();
         let field = engine.precompute(&medium, &settings, &mut bar.job())?;
         let lit = engine.relight(&field, &light)?;
         let mut picture = engine.render(&medium, &lit, &camera, &image, &mut bar.job())?;
         drop(bar);
-        fill_background(&mut picture, &rays, |_| demo::BACKGROUND);
+        let backdrop = demo::BACKGROUND.map(|v| v * 0.5f32.powf(exposure as f32));
+        fill_background(&mut picture, &rays, |_| backdrop);
         for (extension, kind) in [("png", Kind::Png), ("exr", Kind::Exr)] {
             let output = Output { path: folder.join(format!("{name}.{extension}")), kind };
-            output.write(&picture, demo::EXPOSURE, &[("scene".into(), name.into())])?;
+            output.write(&picture, exposure, &[("scene".into(), name.into())])?;
             report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
             written.push(output.path.display().to_string());
         }

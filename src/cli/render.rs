@@ -23,7 +23,7 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)])?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
-    let (_, field) = visibility(&engine, &scene, &loaded, &mut report)?;
+    let (_, field) = visibility(&engine, &scene, &loaded, 0, &mut report)?;
     let data = engine.read_field(&field)?;
     let v = &scene.visibility;
     let mut meta = vec![("volume".to_string(), scene.volume.file.display().to_string())];
@@ -39,7 +39,7 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let (scene, output) = asked(m, PICTURES)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
-    let (medium, field) = visibility(&engine, &scene, &loaded, &mut report)?;
+    let (medium, field) = visibility(&engine, &scene, &loaded, picture_memory(&scene, &loaded), &mut report)?;
     let lit = engine.relight(&field, &loaded.light)?;
     let bar = Progress::new();
     let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
@@ -70,8 +70,9 @@ fn asked(m: &ArgMatches, kinds: &[(&str, Kind)]) -> Result<(Scene, Output), Fail
     Ok((scene, output))
 }
 
-/// Volume to the device, matter on it, visibility of it. Says what it will need before it starts.
-fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, report: &mut Report) -> Result<(Medium, Field), Failure> {
+/// Volume to the device, matter on it, visibility of it. Says what it will need before it starts; `after` is what follows
+/// once the field's scratch memory is free again, bytes.
+fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, after: u64, report: &mut Report) -> Result<(Medium, Field), Failure> {
     let (volume, grid, v) = (&loaded.volume, loaded.volume.grid(), &scene.visibility);
     let ([x, y, z], [lo, hi], kind) = (grid.dims(), volume.range(), volume.samples().type_name());
     report.device(engine);
@@ -83,7 +84,7 @@ fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, report: &mut Repo
     report.line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions", v.ratio, v.directions));
     let (kept, scratch) = precompute_memory(grid, v);
     let each = if matches!(volume.samples(), Samples::F32(_)) { 4 } else { 2 };
-    report.needs(engine, grid.voxels() * each + kept + scratch);
+    report.needs(engine, grid.voxels() * each + kept + scratch.max(after));
     report.flush()?;
 
     let on_device = engine.upload(volume)?;
@@ -97,6 +98,13 @@ fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, report: &mut Repo
     );
     report.line("field", format!("{} packed", bytes(field.bytes())));
     Ok((medium, field))
+}
+
+/// Bytes of the irradiance (four halves a cell) and of the pixels in flight (20 bytes each, at most 2^20 of them).
+fn picture_memory(scene: &Scene, loaded: &Loaded) -> u64 {
+    let cells: usize = loaded.volume.grid().field_dims(scene.visibility.ratio as usize).iter().product();
+    let pixels = (scene.image.width * scene.image.height).min(1 << 20);
+    8 * cells as u64 + 20 * pixels as u64
 }
 
 /// Lays the picture over its background, if the scene has one.

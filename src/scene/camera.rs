@@ -124,12 +124,12 @@ impl Camera {
         }
         // Compared with the size of the coordinates themselves, below whose rounding no direction is left.
         let view = self.target - self.position;
-        if !(view.length() > 1e-12 * self.position.length().max(self.target.length())) {
+        if view.length() <= 1e-12 * self.position.length().max(self.target.length()) {
             return bad("camera.position", format!("{} is the target itself", list(self.position)), "place it away from the target");
         }
         let forward = view.normalize();
         let across = forward.cross(self.up.normalize_or_zero());
-        if !(across.length() > 1e-6) {
+        if across.length() <= 1e-6 {
             let right = "choose one at an angle to the view, such as [0, 1, 0] for a view along z";
             return bad("camera.up", format!("{} is parallel to the view {}", list(self.up), list(forward)), right);
         }
