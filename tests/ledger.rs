@@ -332,3 +332,17 @@ fn too_many_or_no_work_groups_are_refused() {
         assert!(matches!(error, Err(Error::Invalid { .. })));
     }
 }
+
+#[test]
+fn validation_errors_are_heard() {
+    // Sabotage of `clean`: an image of floats where the kernel stores integers is beyond what the runtime checks.
+    let device = open();
+    let image = device
+        .image3(&ImageDesc { name: "floats", dims: [4; 3], levels: 1, format: Format::R32Sfloat, views: &[], storage: true })
+        .unwrap();
+    let mut rec = device.record().unwrap();
+    rec.barrier(&[image.all().from(Access::None).to(Access::ComputeWrite)]);
+    store(&mut rec, &image, 0, 1).unwrap();
+    rec.submit().unwrap();
+    assert!(!device.validation_errors().is_empty());
+}

@@ -83,10 +83,7 @@ fn create_instance(
     let info = if layers.is_empty() { info } else { info.push_next(validation) };
     // SAFETY: all pointers of `info` live until the call returns.
     unsafe { entry.create_instance(&info, None) }.map_err(|e| match e {
-        vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice {
-            what: String::from("no installed driver works with this Vulkan loader"),
-            right: String::from("install a driver of Vulkan 1.3 (Debian: `apt-get install mesa-vulkan-drivers`)"),
-        },
+        vk::Result::ERROR_INCOMPATIBLE_DRIVER => select::no_driver(),
         other => failed("vkCreateInstance")(other),
     })
 }

@@ -174,9 +174,9 @@ pub(super) fn choose(all: Vec<(vk::PhysicalDevice, DeviceInfo)>, wanted: Option<
         })
 }
 
-fn no_driver() -> Error {
+pub(super) fn no_driver() -> Error {
     Error::NoDevice {
-        what: String::from("the Vulkan loader finds no driver"),
+        what: String::from("the Vulkan loader finds no driver that works"),
         right: String::from(
             "install one (Debian: `apt-get install mesa-vulkan-drivers` runs on any processor), and see that VK_DRIVER_FILES and \
              VK_ICD_FILENAMES, where set, name existing files",
