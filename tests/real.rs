@@ -24,7 +24,7 @@ fn field_error_of_both_estimators_on_the_engine_block() {
     let seconds = |engine: &halflight::Engine| engine.take_timings().iter().map(|s| s.seconds).sum::<f64>();
     println!("engine.nii.gz at 1:4, {} probes; reference: {:.1} s of device time", probes.len(), seconds(&engine));
     println!("method        sampling    N    filter      growth  error before packing   8 bit   16 bit   device s");
-    let mut error = |s: &Visibility| -> f64 {
+    let error = |s: &Visibility| -> f64 {
         engine.take_timings();
         let v = engine.estimate(&medium, s, &probes, &mut quiet).expect("estimate");
         let e = measure::field_error(&v, &reference);

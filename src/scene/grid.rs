@@ -28,7 +28,7 @@ impl Grid {
         }
         let m = voxel_to_world.matrix3;
         let scale = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
-        if !voxel_to_world.is_finite() || !(m.determinant().abs() > 1e-9 * scale) || scale < 1e-60 {
+        if !voxel_to_world.is_finite() || m.determinant().abs() <= 1e-9 * scale || scale < 1e-60 {
             return Err(Error::Invalid {
                 item: "grid spacing",
                 what: format!("the voxel axes {}, {}, {} span no volume", m.x_axis, m.y_axis, m.z_axis),

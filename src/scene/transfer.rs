@@ -91,13 +91,12 @@ impl Transfer {
             }
             None
         };
-        for found in [scalars(&mut colors.iter().map(|c| c.0)), scalars(&mut opacities.iter().map(|o| o.0))] {
-            if let Some((i, v)) = found {
-                return bad(
-                    format!("point {i} stands at scalar {v}, below its predecessor or not finite"),
-                    "points must be sorted by scalar, ascending",
-                );
-            }
+        let unsorted = scalars(&mut colors.iter().map(|c| c.0)).or_else(|| scalars(&mut opacities.iter().map(|o| o.0)));
+        if let Some((i, v)) = unsorted {
+            return bad(
+                format!("point {i} stands at scalar {v}, below its predecessor or not finite"),
+                "points must be sorted by scalar, ascending",
+            );
         }
         if let Some((v, c)) = colors.iter().find(|(_, c)| c.iter().any(|x| !(0.0..=1.0).contains(x))) {
             return bad(format!("the albedo {c:?} at scalar {v}"), "albedo must lie in 0..1 (linear RGB)");

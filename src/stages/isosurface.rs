@@ -148,7 +148,7 @@ pub fn reference_hit(volume: &Volume, iso: f32, view: &View, pixel: [usize; 2], 
     let begin = enter.max(0.0);
     let total = leave - begin;
     let inside = |t: f32| twin::sample(volume, twin::along(view.origin, d, begin + t)) >= iso;
-    if !(total > 0.0) {
+    if total <= 0.0 {
         return None;
     }
     let at = |t: f32, normal| Hit { distance: begin + t, position: twin::along(view.origin, d, begin + t), normal };

@@ -46,8 +46,8 @@ impl View {
         let d: [f32; 3] = std::array::from_fn(|a| self.corner[a] + u * self.du[a] + v * self.dv[a]);
         let mut length2 =
             2.0 * (self.metric_cross[0] * d[0] * d[1] + self.metric_cross[1] * d[0] * d[2] + self.metric_cross[2] * d[1] * d[2]);
-        for a in 0..3 {
-            length2 += self.metric_diagonal[a] * d[a] * d[a];
+        for (g, d) in self.metric_diagonal.iter().zip(d) {
+            length2 += g * d * d;
         }
         let scale = 1.0 / length2.sqrt();
         d.map(|x| if (x * scale).abs() < 1e-9 { 1e-9 } else { x * scale })
@@ -128,7 +128,7 @@ pub fn reference(
     let begin = enter.max(0.0);
     let total = leave - begin;
     let mut out = [0.0, 0.0, 0.0, 1.0];
-    if !(total > 0.0) {
+    if total <= 0.0 {
         return out;
     }
     for i in 0..(total / step).ceil() as u32 {
