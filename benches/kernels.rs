@@ -263,7 +263,7 @@ fn print_taps(b: &Bench) {
 
 fn configure(group: &mut BenchmarkGroup<'_, WallTime>) {
     group.sample_size(10).sampling_mode(SamplingMode::Flat);
-    group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2));
+    group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(3));
 }
 
 fn benches(c: &mut Criterion) {

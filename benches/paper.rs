@@ -204,13 +204,15 @@ fn or_dash(x: Option<f64>) -> String {
 
 /// Prints the table, row by row, and returns its rows.
 fn table(scene: &Scene, a: &Arguments) -> Result<Vec<Value>, Failure> {
+    // What is wrong with the options is said before anything long is begun.
+    let media = [("DVR", scene.dvr()?), ("isosurface", scene.surface()?)];
+    a.ratios.iter().try_for_each(|&ratio| settings(ratio).check())?;
     println!(
         "| matter | ratio | field MiB | setup s, device | setup s, wall | frame ms, device | frame ms, wall | relight ms, wall | paper: MB | paper: setup s | paper: frame ms |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     let mut rows = Vec::new();
-    for (kind, name) in ["DVR", "isosurface"].into_iter().enumerate() {
-        let medium = if kind == 0 { scene.dvr()? } else { scene.surface()? };
+    for (kind, (name, medium)) in media.iter().enumerate() {
         // Ratio and wall seconds of the row before, measured or predicted.
         let mut before: Option<(u32, f64)> = None;
         for &ratio in &a.ratios {
@@ -221,7 +223,7 @@ fn table(scene: &Scene, a: &Arguments) -> Result<Vec<Value>, Failure> {
             let predicted = before.map(|(r, seconds)| seconds * (f64::from(r) / f64::from(ratio)).powi(3));
             let outcome = match predicted {
                 Some(seconds) if seconds > a.limit => Err(seconds),
-                _ => set_up(scene, &medium, ratio, a.limit)?,
+                _ => set_up(scene, medium, ratio, a.limit)?,
             };
             match outcome {
                 Err(seconds) => {
@@ -233,8 +235,8 @@ fn table(scene: &Scene, a: &Arguments) -> Result<Vec<Value>, Failure> {
                     let start = Instant::now();
                     let lit = scene.engine.relight(&field, &scene.light)?;
                     let relight = 1e3 * start.elapsed().as_secs_f64();
-                    scene.frame(&medium, &lit, 0.0)?;
-                    let frames: Result<Vec<Time>, Failure> = (0..scene.repeats).map(|_| scene.frame(&medium, &lit, 0.0)).collect();
+                    scene.frame(medium, &lit, 0.0)?;
+                    let frames: Result<Vec<Time>, Failure> = (0..scene.repeats).map(|_| scene.frame(medium, &lit, 0.0)).collect();
                     let frame = median(frames?);
                     println!(
                         "| {name} | 1:{ratio} | {} | {} | {} | {} | {} | {} | {paper} |",
