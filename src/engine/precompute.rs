@@ -56,6 +56,13 @@ impl Engine {
         })?;
         let dims = medium.grid().field_dims(settings.ratio as usize);
         let cells = dims.iter().product::<usize>();
+        if u32::try_from(cells).is_err() {
+            return Err(Error::Invalid {
+                item: "visibility.ratio",
+                what: format!("1:{} makes {cells} cells", settings.ratio),
+                right: format!("a field holds at most {}; take a coarser ratio", u32::MAX),
+            });
+        }
         let groups = pack::groups(settings.bands);
         let (store, sample) = pack::formats(settings.bands, settings.bits);
         let image = |g: usize| {
