@@ -3,6 +3,7 @@
 
 mod precompute;
 mod render;
+mod sweep;
 
 use crate::error::{Error, Result};
 use crate::scene::transfer::Table;

@@ -6,7 +6,7 @@ use crate::scene::visibility::{Method, Sampling};
 use crate::scene::{Grid, Visibility};
 use crate::stages::directions::{Direction, Directions, PATTERNS};
 use crate::stages::estimate::Run;
-use crate::stages::{classify, hierarchical, march, minify, pack};
+use crate::stages::{classify, hierarchical, march, minify, pack, sweep};
 use crate::vk::{Access, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -22,6 +22,7 @@ pub fn precompute_memory(grid: &Grid, settings: &Visibility) -> (u64, u64) {
     let tile = cells.min(TILE as u64);
     let pyramid = match settings.method {
         Method::March => 0,
+        Method::Sweep => super::sweep::memory(grid, settings),
         Method::Hierarchical => {
             let dims = grid.dims().map(|n| n as u32);
             (0..minify::levels(dims)).map(|k| minify::level_dims(dims, k).iter().map(|&n| u64::from(n)).product::<u64>() * 2).sum()
@@ -33,6 +34,15 @@ pub fn precompute_memory(grid: &Grid, settings: &Visibility) -> (u64, u64) {
     };
     let table = patterns * u64::from(settings.directions) * size_of::<Direction>() as u64;
     (cells * cell, pyramid + tile * 68 + table)
+}
+
+/// What an estimator has prepared before cells are estimated.
+enum Estimator {
+    March,
+    /// The opacity pyramid.
+    Hierarchical(Image),
+    /// The sums of every cell.
+    Sweep([Image; 4]),
 }
 
 impl Engine {
@@ -143,6 +153,7 @@ impl Engine {
         let stage = match settings.method {
             Method::March => "march",
             Method::Hierarchical => "hierarchical",
+            Method::Sweep => "sweep",
         };
         let mut tell = |fraction: f64| match progress(stage, fraction as f32) {
             ControlFlow::Continue(()) => Ok(()),
@@ -156,6 +167,7 @@ impl Engine {
         let steps = match settings.method {
             Method::March => march::max_steps(grid.diagonal(), step_length),
             Method::Hierarchical => hierarchical::max_steps(grid.diagonal() / grid.voxel_length(), f64::from(settings.growth)),
+            Method::Sweep => 1,
         };
         let most = u64::from(self.device.loop_limit()) / (steps + 2);
         if most == 0 {
@@ -165,9 +177,10 @@ impl Engine {
                 right: format!("this device runs at most {} in one dispatch; take a longer step", self.device.loop_limit()),
             });
         }
-        let pyramid = match settings.method {
-            Method::March => None,
-            Method::Hierarchical => Some(self.pyramid(medium, settings)?),
+        let estimator = match settings.method {
+            Method::March => Estimator::March,
+            Method::Hierarchical => Estimator::Hierarchical(self.pyramid(medium, settings)?),
+            Method::Sweep => Estimator::Sweep(self.sweep(medium, settings, &mut tell)?),
         };
         let set = Directions::new(settings.directions, settings.sampling, grid);
         let directions = self.device.buffer_from("directions", &set.table)?;
@@ -201,16 +214,23 @@ impl Engine {
                 run.direction_count = pacer.size.min(n - run.first_direction);
                 let start = Instant::now();
                 let mut rec = self.device.record()?;
-                match &pyramid {
-                    None => march::record(&mut rec, &medium.view(), &run, step_length)?,
-                    Some(pyramid) => hierarchical::record(&mut rec, pyramid, &run, settings.growth)?,
+                match &estimator {
+                    Estimator::March => march::record(&mut rec, &medium.view(), &run, step_length)?,
+                    Estimator::Hierarchical(pyramid) => hierarchical::record(&mut rec, pyramid, &run, settings.growth)?,
+                    Estimator::Sweep(swept) => {
+                        // All directions were swept for all cells: only collect them.
+                        run.direction_count = n;
+                        sweep::record_gather(&mut rec, &run, swept.each_ref())?;
+                    }
                 }
                 // The next run of directions adds to the same sums.
                 rec.barrier(&[sums.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
                 rec.submit()?;
                 pacer.took(run.direction_count, start.elapsed().as_secs_f64());
                 run.first_direction += run.direction_count;
-                tell((index as f64 + f64::from(run.first_direction) / f64::from(n)) / tiles as f64)?;
+                if !matches!(estimator, Estimator::Sweep(_)) {
+                    tell((index as f64 + f64::from(run.first_direction) / f64::from(n)) / tiles as f64)?;
+                }
             }
             let mut rec = self.device.record()?;
             // Whoever finishes the tile reads the sums.

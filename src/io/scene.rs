@@ -186,7 +186,9 @@ fn visibility(s: &Settings) -> Result<Visibility> {
     let number = |key, right, or: f32| Ok::<_, Error>(s.number(key, -1e30..=1e30, right)?.map_or(or, |v| v as f32));
     let filters = [("box", Filter::Box), ("product", Filter::Product), ("axis", Filter::Axis), ("extinction", Filter::Extinction)];
     let settings = Visibility {
-        method: s.choice("visibility.method", &[("march", Method::March), ("hierarchical", Method::Hierarchical)])?.unwrap_or_default(),
+        method: s
+            .choice("visibility.method", &[("march", Method::March), ("hierarchical", Method::Hierarchical), ("sweep", Method::Sweep)])?
+            .unwrap_or_default(),
         ratio: integer("visibility.ratio", "it must be 1, 2, 4 or 8", default.ratio)?,
         directions: integer("visibility.directions", "it must be 1 to 1048576", default.directions)?,
         bands: integer("visibility.bands", "it must be 1 to 4", default.bands)?,
@@ -197,6 +199,7 @@ fn visibility(s: &Settings) -> Result<Visibility> {
             .unwrap_or_default(),
         growth: number("visibility.growth", "it must lie in 0.05..4", default.growth)?,
         step: number("visibility.step", "it must lie in 0.01..16", default.step)?,
+        near: integer("visibility.near", "it must be 1 to 8 slices", default.near)?,
     };
     settings.check().map_err(|e| match e {
         Error::Invalid { item, what, right } => s.origins.error(item, format!("is {what}"), right),

@@ -135,6 +135,7 @@ fn visibility(scene: &Scene) -> Table {
     let method = match v.method {
         Method::March => "march",
         Method::Hierarchical => "hierarchical",
+        Method::Sweep => "sweep",
     };
     let filter = match v.filter {
         Filter::Box => "box",
@@ -156,6 +157,7 @@ fn visibility(scene: &Scene) -> Table {
         ("sampling", word(sampling)),
         ("growth", short(v.growth)),
         ("step", short(v.step)),
+        ("near", integer(v.near.into())),
     ])
 }
 

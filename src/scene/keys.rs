@@ -46,7 +46,7 @@ pub const KEYS: &[Key] = &[
     key("light.scale", "FACTOR", "1", "factor on the light's radiance"),
     key("light.bands", "1|2|3|4", "4", "spherical-harmonic bands of the light that are used"),
     key("light.window", "none|hanning|lanczos", "none", "window on the light's bands against ringing"),
-    key("visibility.method", "march|hierarchical", "hierarchical", "dense march (the reference) or the opacity pyramid"),
+    key("visibility.method", "march|hierarchical|sweep", "hierarchical", "dense march (the reference), opacity pyramid, or swept slices"),
     key("visibility.ratio", "1|2|4|8", "4", "voxels per cell of the visibility field, along each axis"),
     key("visibility.directions", "N", "400", "directions per cell"),
     key("visibility.bands", "1|2|3|4", "4", "spherical-harmonic bands of the field: 1, 4, 9 or 16 coefficients"),
@@ -55,6 +55,7 @@ pub const KEYS: &[Key] = &[
     key("visibility.sampling", "stratified|jittered", "stratified", "one well-spread set of directions, or jittered patterns"),
     key("visibility.growth", "FACTOR", "0.25", "growth of the pyramid's steps with distance"),
     key("visibility.step", "VOXELS", "1", "step of the dense march"),
+    key("visibility.near", "SLICES", "1", "cells that a sweep marches densely before it trusts the swept value"),
     key(
         "camera.position",
         "[X, Y, Z]",

@@ -10,6 +10,8 @@ pub enum Method {
     /// Growing steps through the opacity pyramid (Ritschel 2007, section 3.1).
     #[default]
     Hierarchical,
+    /// Short characteristics: transmittance swept from slice to slice, dense near the cell (see `stages::sweep`).
+    Sweep,
 }
 
 /// How the opacity pyramid averages two successive cells (see `stages::minify`).
@@ -55,8 +57,10 @@ pub struct Visibility {
     pub sampling: Sampling,
     /// Step growth per distance (`hierarchical`): step = max(1 voxel, growth·distance).
     pub growth: f32,
-    /// Step length in voxels (`march`).
+    /// Step length in voxels (`march`; `sweep`, at most).
     pub step: f32,
+    /// Slices of field cells that a ray is marched densely before the swept transmittance is trusted (`sweep`).
+    pub near: u32,
 }
 
 impl Default for Visibility {
@@ -71,6 +75,7 @@ impl Default for Visibility {
             sampling: Sampling::Stratified,
             growth: 0.25,
             step: 1.0,
+            near: 1,
         }
     }
 }
@@ -104,6 +109,12 @@ impl Visibility {
         }
         if !(0.01..=16.0).contains(&self.step) {
             return bad("visibility.step", format!("{} voxels", self.step), "it must lie in 0.01..16");
+        }
+        if !(1..=8).contains(&self.near) {
+            return bad("visibility.near", format!("{}", self.near), "it must be 1 to 8 slices");
+        }
+        if self.method == Method::Sweep && self.sampling == Sampling::Jittered {
+            return bad("visibility.sampling", "jittered".into(), "a sweep takes one set of directions for all cells: stratified");
         }
         Ok(())
     }

@@ -11,6 +11,7 @@ pub mod minify;
 pub mod pack;
 pub mod raymarch;
 pub mod relight;
+pub mod sweep;
 pub mod twin;
 
 use crate::scene::{Grid, Samples, Volume};
