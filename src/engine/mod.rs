@@ -67,6 +67,8 @@ pub struct Lit {
     field: Field,
     light: Light,
     irradiance: Image,
+    /// Radiance that 1 in `irradiance` stands for: keeps any light within half floats.
+    scale: f32,
 }
 
 impl DeviceVolume {
@@ -223,7 +225,7 @@ impl Engine {
     pub fn classify(&self, volume: &DeviceVolume, matter: &Matter) -> Result<Medium> {
         let grid = volume.grid();
         let mut table = matter.transfer.table(volume.range(), grid);
-        if let Some(surface) = matter.surface {
+        if let (Some(surface), Some(albedo)) = (matter.surface, matter.surface_albedo()) {
             let [lo, hi] = volume.range().map(f64::from);
             if !(surface.iso >= lo && surface.iso <= hi) {
                 return Err(Error::Invalid {
@@ -232,11 +234,7 @@ impl Engine {
                     right: format!("the data's range is {lo} to {hi}"),
                 });
             }
-            let last = (table.sigma.len() - 1) as f64;
-            for (i, sigma) in table.sigma.iter_mut().enumerate() {
-                let value = lo + (hi - lo) * i as f64 / last;
-                *sigma = if value >= surface.iso { (SURFACE_DEPTH / grid.voxel_length()) as f32 } else { 0.0 };
-            }
+            table = Table::surface(surface.iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
         }
         let sigma = self.device.buffer_from("sigma", &table.sigma)?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
@@ -275,7 +273,11 @@ impl Engine {
         let dims = field.dims().map(|n| n as u32);
         let desc = ImageDesc { name: "irradiance", dims, levels: 1, format: Format::Rgba16Sfloat, views: &[], storage: true };
         let irradiance = self.device.image3(&desc)?;
-        let coefficients: Vec<[f32; 4]> = light.to_f32().iter().map(|l| [l[0], l[1], l[2], 0.0]).collect();
+        // |S/ϖ| ≤ |v||L|/4π with |v| ≤ 2√π, 0.28 of the light's norm: this scale puts every cell within ±1200, where half
+        // floats have room on both sides.
+        let norm = (0..3).map(|c| light.coefficients.iter().map(|l| l[c] * l[c]).sum::<f64>().sqrt()).fold(0.0, f64::max);
+        let scale = if norm > 0.0 && norm.is_finite() { norm / 4096.0 } else { 1.0 };
+        let coefficients: Vec<[f32; 4]> = light.scaled(1.0 / scale).to_f32().iter().map(|l| [l[0], l[1], l[2], 0.0]).collect();
         let light_buffer = self.device.buffer_from("light", &coefficients)?;
         let mut rec = self.device.record()?;
         // A fresh image takes the layout for stores.
@@ -285,7 +287,7 @@ impl Engine {
         // The renderers only read it.
         rec.barrier(&[irradiance.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
         rec.submit()?;
-        Ok(Lit { field: field.clone(), light: *light, irradiance })
+        Ok(Lit { field: field.clone(), light: *light, irradiance, scale: scale as f32 })
     }
 
     /// (S/ϖ per channel, mean visibility) of every cell, x fastest: for tests and charts.
@@ -295,7 +297,8 @@ impl Engine {
     pub fn read_irradiance(&self, lit: &Lit) -> Result<Vec<[f32; 4]>> {
         let bytes = self.device.read_image(&lit.irradiance, 0)?;
         let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-        Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| value(&t[2 * c..2 * c + 2]))).collect())
+        let unit = [lit.scale, lit.scale, lit.scale, 1.0];
+        Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| unit[c] * value(&t[2 * c..2 * c + 2]))).collect())
     }
 
     /// Refuses what the memory budget cannot hold, before anything is allocated.
