@@ -1,6 +1,7 @@
 //! The engine: upload, classify, precompute, relight, render. Each call is one arrow of the straight line; long ones are
 //! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
 
+mod budget;
 mod precompute;
 mod render;
 
@@ -12,6 +13,7 @@ use crate::vk::{self, Access, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+pub use budget::Need;
 pub use precompute::precompute_memory;
 
 pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
@@ -204,8 +206,9 @@ impl Engine {
             _ => Format::R16Unorm,
         };
         let dims = grid.dims().map(|n| n as u32);
-        let needs = grid.voxels() * u64::from(format.bytes());
-        self.ask(&format!("the volume of {}x{}x{} voxels", dims[0], dims[1], dims[2]), needs, |free| {
+        let voxel = 8 * format.bytes();
+        let what = format!("the volume of {}x{}x{} voxels ({voxel} bits each on the device)", dims[0], dims[1], dims[2]);
+        self.ask(&what, budget::volume_bytes(volume), |free| {
             let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
             format!(
                 "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",
@@ -236,6 +239,7 @@ impl Engine {
             }
             table = Table::surface(surface.iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
         }
+        self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
         let sigma = self.device.buffer_from("sigma", &table.sigma)?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo })
@@ -271,6 +275,8 @@ impl Engine {
     /// [`Error::OutOfMemory`], and what the device refuses.
     pub fn relight(&self, field: &Field, light: &Light) -> Result<Lit> {
         let dims = field.dims().map(|n| n as u32);
+        let cells: u64 = field.dims().iter().map(|&n| n as u64).product();
+        self.ask("the irradiance volume", 8 * cells, |_| "compute a coarser field, or allow more memory".into())?;
         let desc = ImageDesc { name: "irradiance", dims, levels: 1, format: Format::Rgba16Sfloat, views: &[], storage: true };
         let irradiance = self.device.image3(&desc)?;
         // |S/ϖ| ≤ |v||L|/4π with |v| ≤ 2√π, 0.28 of the light's norm: this scale puts every cell within ±1200, where half
@@ -299,16 +305,6 @@ impl Engine {
         let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
         let unit = [lit.scale, lit.scale, lit.scale, 1.0];
         Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| unit[c] * value(&t[2 * c..2 * c + 2]))).collect())
-    }
-
-    /// Refuses what the memory budget cannot hold, before anything is allocated.
-    fn ask(&self, what: &str, needs: u64, right: impl FnOnce(u64) -> String) -> Result<()> {
-        let memory = self.device.memory();
-        let free = memory.budget.saturating_sub(memory.used);
-        if needs <= free {
-            return Ok(());
-        }
-        Err(Error::OutOfMemory { what: what.into(), needs, free, budget: memory.budget, right: right(free) })
     }
 }
 

@@ -10,7 +10,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Pixels that are rendered together; bounds the memory of their state to 16 MiB.
-const STRIP: usize = 1 << 20;
+pub(super) const STRIP: usize = 1 << 20;
 
 /// Samples of one row in a dispatch, at most: tens of milliseconds on a CPU device.
 const ROW_SAMPLES: u32 = 1 << 22;
@@ -85,6 +85,7 @@ impl Engine {
         let segment = self.device.loop_limit().saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
         let most = ((STRIP / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
+        self.ask("the picture", 20 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
         let state = self.device.buffer::<[f32; 4]>("state", slots)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
