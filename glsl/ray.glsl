@@ -1,8 +1,9 @@
 // Rays in voxel space: p + t*d, t in world units, d a voxel-space direction of world length 1.
 
-// No component of a direction is exactly 0, so that the slab test divides safely.
+// No component of a direction is 0 beside the largest, so that the slab test divides safely at any spacing.
 vec3 safe_direction(vec3 d) {
-    return mix(d, vec3(1e-9), lessThan(abs(d), vec3(1e-9)));
+    vec3 least = vec3(1e-7 * max(max(abs(d.x), abs(d.y)), abs(d.z)));
+    return mix(d, least, lessThan(abs(d), least));
 }
 
 // Where the ray enters and leaves the box 0..dims; x > y when it misses.

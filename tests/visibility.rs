@@ -318,3 +318,23 @@ fn a_field_beyond_the_budget_is_refused_with_what_would_fit() {
     let text = engine.upload(&big).err().expect("too large").to_string();
     assert!(text.contains("would fit") && text.contains("MiB"), "{text}");
 }
+
+#[test]
+fn spacing_in_nanometres_or_light_years_changes_nothing_but_the_unit() {
+    let engine = engine();
+    let run = |unit: f64| {
+        let grid = Grid::axis_aligned([16, 12, 10], [unit, 1.5 * unit, unit]).expect("grid");
+        let volume = blobs(grid, 6);
+        let cells = cells_of(grid.field_dims(2), 20);
+        let s = Visibility { ratio: 2, directions: 64, ..settings(Method::March) };
+        let h = Visibility { ratio: 2, directions: 64, ..settings(Method::Hierarchical) };
+        let matter = linear(0.7 / unit);
+        (estimate(&engine, &volume, &matter, &s, &cells), estimate(&engine, &volume, &matter, &h, &cells))
+    };
+    let (march, hierarchical) = run(1.0);
+    for unit in [1e-9, 1e-3, 1e6, 1e15] {
+        let (m, h) = run(unit);
+        assert!(difference(&m, &march) < TWIN, "{unit}: {}", difference(&m, &march));
+        assert!(difference(&h, &hierarchical) < TWIN, "{unit}: {}", difference(&h, &hierarchical));
+    }
+}

@@ -51,7 +51,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         report.flush()?;
     }
     report.set("outputs", json!(written));
-    report.work(&engine);
+    report.work(&engine, &engine.take_timings());
     context.verdict(&engine)?;
     report.finish()
 }

@@ -9,7 +9,7 @@ use super::path_of;
 use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
-use halflight::engine::{Engine, Field, Medium, precompute_memory};
+use halflight::engine::{Engine, Field, Medium, Span, precompute_memory};
 use halflight::error::bytes;
 use halflight::io;
 use halflight::scene::scene::{Background, LightSource, fill_background};
@@ -25,12 +25,10 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let engine = context.engine()?;
     let (_, field) = visibility(&engine, &scene, &loaded, 0, &mut report)?;
     let data = engine.read_field(&field)?;
-    let v = &scene.visibility;
-    let mut meta = vec![("volume".to_string(), scene.volume.file.display().to_string())];
-    meta.push(("visibility".into(), format!("{v:?}")));
-    meta.push(("device".into(), engine.device().name.clone()));
-    io::write_nrrd_field(&output.path, field.dims(), v.coefficients(), &data, loaded.volume.grid(), &meta)?;
-    finish(context, report, &engine, &output)
+    let spans = engine.take_timings();
+    let meta = header(&scene, &engine, &spans);
+    io::write_nrrd_field(&output.path, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
+    finish(context, report, &engine, &spans, &output)
 }
 
 /// `halflight render SCENE -o FRAME.exr|png`
@@ -47,13 +45,20 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     background(&scene, &loaded, &mut picture)?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
-    let meta = vec![
-        ("volume".to_string(), scene.volume.file.display().to_string()),
-        ("visibility".into(), format!("{:?}", scene.visibility)),
-        ("device".into(), engine.device().name.clone()),
-    ];
-    output.write(&picture, scene.image.exposure, &meta)?;
-    finish(context, report, &engine, &output)
+    let spans = engine.take_timings();
+    output.write(&picture, scene.image.exposure, &header(&scene, &engine, &spans))?;
+    finish(context, report, &engine, &spans, &output)
+}
+
+/// What an output file says of its making: the whole scene, the device, and each kernel's time.
+fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String)> {
+    let timings: Vec<String> = spans.iter().map(|s| format!("{} {:.6} s in {} dispatches", s.kernel, s.seconds, s.calls)).collect();
+    let device = engine.device();
+    vec![
+        ("scene".into(), io::scene_text(scene)),
+        ("device".into(), format!("{}; {}", device.name, device.driver)),
+        ("timings".into(), timings.join("; ")),
+    ]
 }
 
 /// The scene and the checked output of a command line.
@@ -120,8 +125,8 @@ fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(
     Ok(())
 }
 
-fn finish(context: &Context, mut report: Report, engine: &Engine, output: &Output) -> Result<(), Failure> {
-    report.work(engine);
+fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
+    report.work(engine, spans);
     report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
     report.set("output", json!(output.path.display().to_string()));
     context.verdict(engine)?;

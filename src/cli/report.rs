@@ -60,12 +60,11 @@ impl Report {
     }
 
     /// Peak memory and the time of each kernel.
-    pub fn work(&mut self, engine: &Engine) {
+    pub fn work(&mut self, engine: &Engine, spans: &[Span]) {
         let memory = engine.memory();
         self.line("memory", format!("{} at most, of {}", bytes(memory.peak), bytes(memory.budget)));
         self.set("memory", json!({ "used": memory.used, "peak": memory.peak, "budget": memory.budget }));
-        let spans = engine.take_timings();
-        for line in table(&spans) {
+        for line in table(spans) {
             self.text(line);
         }
         self.set("timings", spans.iter().map(|s| json!({ "kernel": s.kernel, "calls": s.calls, "seconds": s.seconds })).collect());

@@ -15,6 +15,7 @@ pub mod probe;
 mod raw;
 mod samples;
 pub mod scene;
+mod scene_text;
 mod settings;
 pub mod volume;
 
@@ -26,6 +27,7 @@ pub use png::write_png;
 pub use probe::read_probe;
 pub use samples::SampleType;
 pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
+pub use scene_text::scene_text;
 pub use settings::COMMAND_LINE;
 pub use volume::{RawLayout, ReadOptions, read_volume};
 

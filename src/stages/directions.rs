@@ -42,7 +42,8 @@ impl Directions {
 
 fn tabulate(world: DVec3, voxel: DVec3) -> Direction {
     // A component of exactly 0 would make the slab test divide 0 by 0.
-    let safe = |v: f64| if v.abs() < 1e-9 { 1e-9 } else { v } as f32;
+    let least = 1e-7 * voxel.abs().max_element();
+    let safe = |v: f64| if v.abs() < least { least } else { v } as f32;
     Direction { voxel: [safe(voxel.x), safe(voxel.y), safe(voxel.z), 0.0], basis: sh::basis(world).map(|y| y as f32) }
 }
 

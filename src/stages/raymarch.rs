@@ -49,8 +49,9 @@ impl View {
         for (g, d) in self.metric_diagonal.iter().zip(d) {
             length2 += g * d * d;
         }
-        let scale = 1.0 / length2.sqrt();
-        d.map(|x| if (x * scale).abs() < 1e-9 { 1e-9 } else { x * scale })
+        let d = d.map(|x| x / length2.sqrt());
+        let least = 1e-7 * d.iter().fold(0f32, |m, x| m.max(x.abs()));
+        d.map(|x| if x.abs() < least { least } else { x })
     }
 }
 

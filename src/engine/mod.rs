@@ -1,0 +1,326 @@
+//! The engine: upload, classify, precompute, relight, render. Each call is one arrow of the straight line; long ones are
+//! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
+
+mod precompute;
+mod render;
+
+use crate::error::{Error, Result};
+use crate::scene::transfer::Table;
+use crate::scene::{Grid, Light, Matter, Samples, Visibility, Volume};
+use crate::stages::{Encoding, MediumView, pack, relight};
+use crate::vk::{self, Access, Buffer, Format, Image, ImageDesc};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+pub use precompute::precompute_memory;
+
+pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
+
+/// Told the stage's name and the fraction 0..1 of the whole call that is done, before the first dispatch and after each;
+/// `Break` cancels ([`Error::Cancelled`]) before the next.
+pub type Progress<'a> = dyn FnMut(&'static str, f32) -> ControlFlow<()> + 'a;
+
+/// Seconds that a dispatch should take: short enough to cancel promptly and for a GPU's watchdog, long enough to hide a
+/// submit.
+const DISPATCH_SECONDS: f64 = 0.08;
+
+/// Optical depth of one voxel length of an isosurface's inside.
+const SURFACE_DEPTH: f64 = 64.0;
+
+/// A Vulkan device with the kernels on it.
+pub struct Engine {
+    device: vk::Device,
+}
+
+/// A volume on the device. Clones share it.
+#[derive(Clone)]
+pub struct DeviceVolume(Arc<VolumeData>);
+
+struct VolumeData {
+    grid: Grid,
+    range: [f32; 2],
+    encoding: Encoding,
+    image: Image,
+}
+
+/// A volume with its matter: what estimators and renderers see.
+pub struct Medium {
+    volume: DeviceVolume,
+    matter: Matter,
+    table: Table,
+    sigma: Buffer,
+    albedo: Buffer,
+}
+
+/// A visibility field on the device: 16 (or fewer) SH coefficients per cell, packed. Clones share it.
+#[derive(Clone)]
+pub struct Field(Arc<FieldData>);
+
+struct FieldData {
+    dims: [usize; 3],
+    settings: Visibility,
+    images: [Image; pack::GROUPS],
+}
+
+/// A field under a light: what a picture needs.
+pub struct Lit {
+    field: Field,
+    light: Light,
+    irradiance: Image,
+}
+
+impl DeviceVolume {
+    /// Dims and place.
+    pub fn grid(&self) -> &Grid {
+        &self.0.grid
+    }
+
+    /// Smallest and largest value.
+    pub fn range(&self) -> [f32; 2] {
+        self.0.range
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        self.0.image.bytes()
+    }
+}
+
+impl Medium {
+    /// Dims and place.
+    pub fn grid(&self) -> &Grid {
+        self.volume.grid()
+    }
+
+    /// The tables that the kernels look up.
+    pub fn table(&self) -> &Table {
+        &self.table
+    }
+
+    fn view(&self) -> MediumView<'_> {
+        MediumView {
+            grid: self.grid(),
+            volume: &self.volume.0.image,
+            sigma: &self.sigma,
+            albedo: &self.albedo,
+            map: self.volume.0.encoding.table_map(self.table.lo, self.table.hi),
+        }
+    }
+}
+
+impl Field {
+    /// Cells along x, y, z.
+    pub fn dims(&self) -> [usize; 3] {
+        self.0.dims
+    }
+
+    /// Bytes of the packed coefficients.
+    pub fn bytes(&self) -> u64 {
+        let s = &self.0.settings;
+        let cell = pack::groups(s.bands) as u64 * u64::from(pack::formats(s.bands, s.bits).0.bytes());
+        self.0.dims.iter().map(|&n| n as u64).product::<u64>() * cell
+    }
+
+    /// The settings that it was computed with.
+    pub fn settings(&self) -> &Visibility {
+        &self.0.settings
+    }
+
+    fn images(&self) -> [&Image; pack::GROUPS] {
+        self.0.images.each_ref()
+    }
+
+    fn sampled_format(&self) -> Format {
+        pack::formats(self.0.settings.bands, self.0.settings.bits).1
+    }
+}
+
+/// How much one dispatch takes on, so that it lasts about [`DISPATCH_SECONDS`].
+struct Pacer {
+    size: u32,
+    max: u32,
+}
+
+impl Pacer {
+    fn new(first: u32, max: u32) -> Self {
+        Self { size: first.clamp(1, max.max(1)), max: max.max(1) }
+    }
+
+    fn took(&mut self, done: u32, seconds: f64) {
+        let ideal = f64::from(done) * DISPATCH_SECONDS / seconds.max(1e-6);
+        // Never more than doubled: the next part may be slower.
+        self.size = (ideal.min(2.0 * f64::from(self.size)) as u32).clamp(1, self.max);
+    }
+}
+
+impl Engine {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`], [`Error::DeviceLacks`].
+    pub fn new(options: &Options) -> Result<Self> {
+        let device = vk::Device::new(options)?;
+        for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rgba16Sfloat] {
+            if !device.supports_filtering(format) {
+                return Err(Error::DeviceLacks {
+                    device: device.info().name.clone(),
+                    lacks: format!("linear filtering of {format:?} images"),
+                });
+            }
+        }
+        Ok(Self { device })
+    }
+
+    /// The device.
+    pub fn device(&self) -> &DeviceInfo {
+        self.device.info()
+    }
+
+    /// Memory in use, at most used, and allowed.
+    pub fn memory(&self) -> Memory {
+        self.device.memory()
+    }
+
+    /// Device time per kernel since the last call.
+    pub fn take_timings(&self) -> Vec<Span> {
+        self.device.take_timings()
+    }
+
+    /// What the validation layers complained of (with [`Options::validation`]).
+    pub fn validation_errors(&self) -> Vec<String> {
+        self.device.validation_errors()
+    }
+
+    /// Brings a volume to the device.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`], and what the device refuses.
+    pub fn upload(&self, volume: &Volume) -> Result<DeviceVolume> {
+        let grid = *volume.grid();
+        let format = match volume.samples() {
+            Samples::F32(_) => Format::R32Sfloat,
+            _ => Format::R16Unorm,
+        };
+        let dims = grid.dims().map(|n| n as u32);
+        let needs = grid.voxels() * u64::from(format.bytes());
+        self.ask(&format!("the volume of {}x{}x{} voxels", dims[0], dims[1], dims[2]), needs, |free| {
+            let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
+            format!(
+                "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",
+                free / u64::from(format.bytes())
+            )
+        })?;
+        let image = self.device.image3(&ImageDesc { name: "volume", dims, levels: 1, format, views: &[], storage: false })?;
+        let row = dims[0] as usize * dims[1] as usize;
+        self.device.write_image(&image, 0, &mut |first_z, bytes| encode(volume.samples(), first_z as usize * row, bytes))?;
+        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), encoding: Encoding::of(volume), image })))
+    }
+
+    /// Gives a volume its matter: transfer function, or opaque surface.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an iso value outside the data.
+    pub fn classify(&self, volume: &DeviceVolume, matter: &Matter) -> Result<Medium> {
+        let grid = volume.grid();
+        let mut table = matter.transfer.table(volume.range(), grid);
+        if let Some(surface) = matter.surface {
+            let [lo, hi] = volume.range().map(f64::from);
+            if !(surface.iso >= lo && surface.iso <= hi) {
+                return Err(Error::Invalid {
+                    item: "surface.iso",
+                    what: format!("{} lies outside the data", surface.iso),
+                    right: format!("the data's range is {lo} to {hi}"),
+                });
+            }
+            let last = (table.sigma.len() - 1) as f64;
+            for (i, sigma) in table.sigma.iter_mut().enumerate() {
+                let value = lo + (hi - lo) * i as f64 / last;
+                *sigma = if value >= surface.iso { (SURFACE_DEPTH / grid.voxel_length()) as f32 } else { 0.0 };
+            }
+        }
+        let sigma = self.device.buffer_from("sigma", &table.sigma)?;
+        let albedo = self.device.buffer_from("albedo", &table.albedo)?;
+        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo })
+    }
+
+    /// The field's coefficients as the renderers see them (after packing): bands² per cell, coefficient fastest, then x,
+    /// y, z.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    pub fn read_field(&self, field: &Field) -> Result<Vec<f32>> {
+        let s = field.settings();
+        let kept = s.coefficients();
+        let cells: usize = field.dims().iter().product();
+        let mut out = vec![0f32; kept * cells];
+        for g in 0..pack::groups(s.bands) {
+            let bytes = self.device.read_image(field.images()[g], 0)?;
+            for (cell, codes) in pack::unpack_image(&bytes, s.bands, s.bits).iter().enumerate() {
+                let mut all = [0u32; 16];
+                all[4 * g..4 * g + 4].copy_from_slice(codes);
+                let v = pack::decode(&all, s.bits);
+                for i in 4 * g..(4 * g + 4).min(kept) {
+                    out[cell * kept + i] = v[i];
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Puts a field under a light; no visibility is computed.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`], and what the device refuses.
+    pub fn relight(&self, field: &Field, light: &Light) -> Result<Lit> {
+        let dims = field.dims().map(|n| n as u32);
+        let desc = ImageDesc { name: "irradiance", dims, levels: 1, format: Format::Rgba16Sfloat, views: &[], storage: true };
+        let irradiance = self.device.image3(&desc)?;
+        let coefficients: Vec<[f32; 4]> = light.to_f32().iter().map(|l| [l[0], l[1], l[2], 0.0]).collect();
+        let light_buffer = self.device.buffer_from("light", &coefficients)?;
+        let mut rec = self.device.record()?;
+        // A fresh image takes the layout for stores.
+        rec.barrier(&[irradiance.mip(0).from(Access::None).to(Access::ComputeWrite)]);
+        let s = field.settings();
+        relight::record(&mut rec, field.images(), field.sampled_format(), &light_buffer, &irradiance, s.bands, s.bits)?;
+        // The renderers only read it.
+        rec.barrier(&[irradiance.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
+        rec.submit()?;
+        Ok(Lit { field: field.clone(), light: *light, irradiance })
+    }
+
+    /// (S/ϖ per channel, mean visibility) of every cell, x fastest: for tests and charts.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    pub fn read_irradiance(&self, lit: &Lit) -> Result<Vec<[f32; 4]>> {
+        let bytes = self.device.read_image(&lit.irradiance, 0)?;
+        let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
+        Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| value(&t[2 * c..2 * c + 2]))).collect())
+    }
+
+    /// Refuses what the memory budget cannot hold, before anything is allocated.
+    fn ask(&self, what: &str, needs: u64, right: impl FnOnce(u64) -> String) -> Result<()> {
+        let memory = self.device.memory();
+        let free = memory.budget.saturating_sub(memory.used);
+        if needs <= free {
+            return Ok(());
+        }
+        Err(Error::OutOfMemory { what: what.into(), needs, free, budget: memory.budget, right: right(free) })
+    }
+}
+
+/// Samples from index `first` on as the volume's image stores them.
+fn encode(samples: &Samples, first: usize, bytes: &mut [u8]) {
+    fn put<const N: usize>(bytes: &mut [u8], values: impl Iterator<Item = [u8; N]>) {
+        for (out, value) in bytes.chunks_exact_mut(N).zip(values) {
+            out.copy_from_slice(&value);
+        }
+    }
+    match samples {
+        // v·257/65535 = v/255 exactly.
+        Samples::U8(s) => put(bytes, s[first..].iter().map(|&v| (u16::from(v) * 257).to_ne_bytes())),
+        Samples::U16(s) => put(bytes, s[first..].iter().map(|&v| v.to_ne_bytes())),
+        Samples::I16(s) => put(bytes, s[first..].iter().map(|&v| (v as u16 ^ 0x8000).to_ne_bytes())),
+        Samples::F32(s) => put(bytes, s[first..].iter().map(|&v| v.to_ne_bytes())),
+    }
+}

@@ -1,0 +1,156 @@
+//! Pictures: direct volume rendering and isosurfaces, strip by strip, in dispatches of bounded time.
+
+use super::{Engine, Lit, Medium, Pacer, Progress};
+use crate::error::{Error, Result};
+use crate::scene::{Camera, ImageSettings, Picture};
+use crate::stages::raymarch::{Part, View};
+use crate::stages::{isosurface, raymarch};
+use crate::vk::Access;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Pixels that are rendered together; bounds the memory of their state to 16 MiB.
+const STRIP: usize = 1 << 20;
+
+impl Engine {
+    /// Renders a picture: direct volume rendering, or the isosurface if the matter has one. The background is left
+    /// transparent.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an unusable camera or picture, [`Error::Cancelled`].
+    pub fn render(&self, medium: &Medium, lit: &Lit, camera: &Camera, image: &ImageSettings, progress: &mut Progress) -> Result<Picture> {
+        self.render_parts(medium, lit, camera, image, progress).map(|(picture, _)| picture)
+    }
+
+    /// Renders the isosurface and says how far it lies: world distance from the camera to the hit per pixel, −1 where
+    /// there is none.
+    ///
+    /// # Errors
+    /// As [`Engine::render`].
+    pub fn render_with_distance(
+        &self,
+        medium: &Medium,
+        lit: &Lit,
+        camera: &Camera,
+        image: &ImageSettings,
+        progress: &mut Progress,
+    ) -> Result<(Picture, Vec<f32>)> {
+        self.render_parts(medium, lit, camera, image, progress)
+    }
+
+    fn render_parts(
+        &self,
+        medium: &Medium,
+        lit: &Lit,
+        camera: &Camera,
+        image: &ImageSettings,
+        progress: &mut Progress,
+    ) -> Result<(Picture, Vec<f32>)> {
+        let grid = medium.grid();
+        let rays = camera.rays(grid, image.width, image.height)?;
+        let view = View::new(grid, &rays);
+        let mut tell = |fraction: f64| match progress("render", fraction as f32) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(Error::Cancelled),
+        };
+        if !(image.step.is_finite() && image.step > 0.0) {
+            return Err(Error::Invalid {
+                item: "image.step",
+                what: format!("is {} voxels", image.step),
+                right: "it must be above 0".into(),
+            });
+        }
+        if image.width > STRIP {
+            return Err(Error::Invalid {
+                item: "image.width",
+                what: format!("{} pixels", image.width),
+                right: format!("at most {STRIP} can be rendered in a row"),
+            });
+        }
+        let step_length = image.step * grid.voxel_length();
+        let steps = (grid.diagonal() / step_length).ceil() as u64 + 1;
+        if steps > 1 << 24 {
+            return Err(Error::Invalid {
+                item: "image.step",
+                what: format!("{} voxels make {steps} steps of the longest ray", image.step),
+                right: "take a step that makes at most 16777216".into(),
+            });
+        }
+        // Loops besides the march: bisection, cells, harmonics.
+        let segment = self.device.loop_limit().saturating_sub(4096).max(1);
+        let (width, height) = (image.width as u32, image.height as u32);
+        let most = ((STRIP / image.width) as u32).min(height).max(1);
+        let slots = (most * width) as usize;
+        let state = self.device.buffer::<[f32; 4]>("state", slots)?;
+        let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
+            (Some(surface), Some(albedo)) => {
+                let shade = isosurface::Shade::new(grid, lit.field.dims(), albedo, &lit.light, surface.shading);
+                Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
+            }
+            _ => None,
+        };
+        let encoding = medium.volume.0.encoding;
+        let settings = lit.field.settings();
+        let mut rec = self.device.record()?;
+        // Fresh buffers: the first dispatch of a strip writes without reading.
+        rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
+        if let Some((_, _, depth)) = &surface {
+            rec.barrier(&[depth.all().from(Access::None).to(Access::ComputeWrite)]);
+        }
+        rec.submit()?;
+
+        let mut picture = Picture::new(image.width, image.height);
+        let mut distances = Vec::new();
+        let mut pacer = Pacer::new(8, most);
+        let mut row = 0;
+        tell(0.0)?;
+        while row < height {
+            let rows = pacer.size.min(height - row);
+            let start = Instant::now();
+            for first_step in (0..steps).step_by(segment as usize) {
+                let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment };
+                let mut rec = self.device.record()?;
+                match &surface {
+                    None => raymarch::record(&mut rec, &medium.view(), &lit.irradiance, &view, part, step_length, &state)?,
+                    Some((surface, shade, depth)) => {
+                        let inputs = isosurface::Surface {
+                            volume: &medium.volume.0.image,
+                            field: lit.field.images(),
+                            field_view: lit.field.sampled_format(),
+                            shade,
+                            iso: encoding.sample_of(surface.iso as f32),
+                            rising: encoding.scale > 0.0,
+                            bands: settings.bands,
+                            bits: settings.bits,
+                            shading: surface.shading,
+                        };
+                        isosurface::record(&mut rec, &inputs, &view, part, step_length, &state, depth)?;
+                        // The next part of the rays stores the hits that it finds.
+                        rec.barrier(&[depth.all().from(Access::ComputeWrite).to(Access::ComputeWrite)]);
+                    }
+                }
+                // The next part of the rays continues from this state.
+                rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                rec.submit()?;
+            }
+            pacer.took(rows, start.elapsed().as_secs_f64());
+            let count = (rows * width) as usize;
+            let pixels: Vec<[f32; 4]> = self.device.read(&state, count)?;
+            let first = (row * width) as usize;
+            for (out, p) in picture.rgba[first..first + count].iter_mut().zip(&pixels) {
+                *out = [p[0], p[1], p[2], if surface.is_some() { p[3] } else { 1.0 - p[3] }];
+            }
+            let mut rec = self.device.record()?;
+            // The next strip writes over what the host has read.
+            rec.barrier(&[state.all().from(Access::ComputeRead).to(Access::ComputeReadWrite)]);
+            if let Some((_, _, depth)) = &surface {
+                distances.extend(self.device.read::<f32>(depth, count)?);
+                rec.barrier(&[depth.all().from(Access::ComputeRead).to(Access::ComputeWrite)]);
+            }
+            rec.submit()?;
+            row += rows;
+            tell(f64::from(row) / f64::from(height))?;
+        }
+        Ok((picture, distances))
+    }
+}

@@ -1,0 +1,187 @@
+//! A scene as TOML text with every effective setting: what pictures and fields carry in their headers. Read again by
+//! `io::parse_scene`, it is the same scene.
+
+use crate::scene::camera::Space;
+use crate::scene::scene::{Background, LightSource, Scene, Shading, TransferSource, Windowing};
+use crate::scene::transfer::{Kind, Reference};
+use crate::scene::visibility::{Filter, Method, Sampling};
+use toml::{Table, Value};
+
+/// The scene's text. Paths are as the scene holds them.
+pub fn scene_text(scene: &Scene) -> String {
+    let mut root = Table::new();
+    let tables = [
+        ("volume", volume(scene)),
+        ("transfer", transfer(scene)),
+        ("surface", surface(scene)),
+        ("light", light(scene)),
+        ("visibility", visibility(scene)),
+        ("camera", camera(scene)),
+        ("image", image(scene)),
+    ];
+    let mut text = String::new();
+    for (name, table) in tables {
+        if !table.is_empty() {
+            root.clear();
+            root.insert(name.into(), Value::Table(table));
+            text += &root.to_string();
+        }
+    }
+    text
+}
+
+/// The shortest decimal that reads as the same single-precision number.
+fn short(x: f32) -> Value {
+    Value::Float(x.to_string().parse().unwrap_or(f64::from(x)))
+}
+
+fn shorts(x: impl IntoIterator<Item = f32>) -> Value {
+    Value::Array(x.into_iter().map(short).collect())
+}
+
+fn floats(x: impl IntoIterator<Item = f64>) -> Value {
+    Value::Array(x.into_iter().map(Value::Float).collect())
+}
+
+fn integer(x: u64) -> Value {
+    Value::Integer(i64::try_from(x).unwrap_or(i64::MAX))
+}
+
+fn word(x: &str) -> Value {
+    Value::String(x.into())
+}
+
+fn table(entries: Vec<(&str, Value)>) -> Table {
+    entries.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+}
+
+fn volume(scene: &Scene) -> Table {
+    let v = &scene.volume;
+    let mut out = vec![("file", word(&v.file.display().to_string()))];
+    if let Some(raw) = &v.raw {
+        out.push(("dims", Value::Array(raw.dims.map(|n| integer(n as u64)).into())));
+        out.push(("type", word(&raw.sample_type)));
+        out.push(("spacing", floats(raw.spacing)));
+        out.push(("endian", word(if raw.big_endian { "big" } else { "little" })));
+        out.push(("offset", integer(raw.offset)));
+    }
+    if let Some(nan_as) = v.nan_as {
+        out.push(("nan_as", short(nan_as)));
+    }
+    table(out)
+}
+
+fn transfer(scene: &Scene) -> Table {
+    let length = |r: Reference| {
+        word(match r {
+            Reference::Voxel => "voxel",
+            Reference::World => "world",
+            Reference::Side => "side",
+        })
+    };
+    match &scene.transfer {
+        TransferSource::Ramp { reference } => table(vec![("reference", length(*reference))]),
+        TransferSource::Points(t) => {
+            let row = |((s, c), (_, last)): (&(f64, [f32; 3]), &(f64, f64))| {
+                Value::Array(vec![Value::Float(*s), short(c[0]), short(c[1]), short(c[2]), Value::Float(*last)])
+            };
+            let kind = match t.kind() {
+                Kind::Opacity => "opacity",
+                Kind::Extinction => "extinction",
+            };
+            let points = t.colors().iter().zip(t.opacities()).map(row).collect();
+            table(vec![("reference", length(t.reference())), ("kind", word(kind)), ("points", Value::Array(points))])
+        }
+        TransferSource::File { path, name, range, reference } => {
+            let mut out = vec![("file", word(&path.display().to_string())), ("reference", length(*reference))];
+            out.extend(name.as_ref().map(|n| ("name", word(n))));
+            out.extend(range.map(|r| ("range", floats(r))));
+            table(out)
+        }
+    }
+}
+
+fn surface(scene: &Scene) -> Table {
+    let Some(s) = &scene.surface else { return Table::new() };
+    let shading = match s.shading {
+        Shading::Lambert => "lambert",
+        Shading::Isotropic => "isotropic",
+    };
+    let mut out = vec![("iso", Value::Float(s.iso)), ("shading", word(shading))];
+    out.extend(s.albedo.map(|a| ("albedo", shorts(a))));
+    table(out)
+}
+
+fn light(scene: &Scene) -> Table {
+    let l = &scene.light;
+    let mut out = vec![match &l.source {
+        LightSource::Probe(path) => ("probe", word(&path.display().to_string())),
+        LightSource::Constant(c) => ("constant", shorts(*c)),
+    }];
+    out.extend(l.rotate.map(|(axis, degrees)| ("rotate", floats([axis.x, axis.y, axis.z, degrees]))));
+    out.push(("scale", Value::Float(l.scale)));
+    out.push(("bands", integer(l.bands.into())));
+    let window = match l.window {
+        Windowing::None => "none",
+        Windowing::Hanning => "hanning",
+        Windowing::Lanczos => "lanczos",
+    };
+    out.push(("window", word(window)));
+    table(out)
+}
+
+fn visibility(scene: &Scene) -> Table {
+    let v = &scene.visibility;
+    let method = match v.method {
+        Method::March => "march",
+        Method::Hierarchical => "hierarchical",
+    };
+    let filter = match v.filter {
+        Filter::Box => "box",
+        Filter::Product => "product",
+        Filter::Axis => "axis",
+        Filter::Extinction => "extinction",
+    };
+    let sampling = match v.sampling {
+        Sampling::Stratified => "stratified",
+        Sampling::Jittered => "jittered",
+    };
+    table(vec![
+        ("method", word(method)),
+        ("ratio", integer(v.ratio.into())),
+        ("directions", integer(v.directions.into())),
+        ("bands", integer(v.bands.into())),
+        ("bits", integer(v.bits.into())),
+        ("filter", word(filter)),
+        ("sampling", word(sampling)),
+        ("growth", short(v.growth)),
+        ("step", short(v.step)),
+    ])
+}
+
+fn camera(scene: &Scene) -> Table {
+    let c = &scene.camera;
+    let mut out = Vec::new();
+    out.extend(c.position.map(|p| ("position", floats(p.to_array()))));
+    out.extend(c.target.map(|p| ("target", floats(p.to_array()))));
+    out.push(("up", floats(c.up.to_array())));
+    out.push(("fov", Value::Float(c.fov_degrees)));
+    out.push(("space", word(if c.space == Space::World { "world" } else { "side" })));
+    table(out)
+}
+
+fn image(scene: &Scene) -> Table {
+    let i = &scene.image;
+    let mut out = vec![
+        ("width", integer(i.width as u64)),
+        ("height", integer(i.height as u64)),
+        ("step", Value::Float(i.step)),
+        ("exposure", Value::Float(i.exposure)),
+    ];
+    match i.background {
+        Background::Transparent => {}
+        Background::Color(c) => out.push(("background", shorts(c))),
+        Background::Light => out.push(("background", word("light"))),
+    }
+    table(out)
+}
