@@ -4,6 +4,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "half.glsl"
+#include "opacity.glsl"
 #include "constants.glsl"
 
 layout(local_size_x = 8, local_size_y = 8, local_size_z = 1) in;
@@ -42,6 +43,7 @@ void main() {
         mean_extinction(fetch(p - ivec3(1, 0, 0)), here, fetch(p + ivec3(1, 0, 0))),
         mean_extinction(fetch(p - ivec3(0, 1, 0)), here, fetch(p + ivec3(0, 1, 0))),
         mean_extinction(fetch(p - ivec3(0, 0, 1)), here, fetch(p + ivec3(0, 0, 1))));
-    vec3 t = exp(-mean * voxel_length);
-    imageStore(opacity, p, to_nearest_half(vec4(1.0 - (t.x + t.y + t.z) / 3.0)));
+    vec3 depth = mean * voxel_length;
+    float o = (opacity_of(depth.x) + opacity_of(depth.y) + opacity_of(depth.z)) / 3.0;
+    imageStore(opacity, p, to_nearest_half(vec4(o)));
 }

@@ -49,6 +49,7 @@ layout(push_constant) uniform Params {
     uint step_count;
 };
 #include "view.glsl"
+#include "sh.glsl"
 #include "sh_high.glsl"
 
 const int BISECTIONS = 12;
@@ -84,9 +85,23 @@ vec3 light_row(vec4 v[4], uint row) {
     return sum;
 }
 
+// What an open plane sees: the zonal coefficients of a half space about its normal, sqrt(4 pi/(2l+1)) z_l Y_lm(normal).
+void half_space(vec3 normal, out vec4 v[4]) {
+    float y[16];
+    sh_basis(normal, y);
+    const float zonal[4] = float[4](6.283185307179586, 3.141592653589793, 0.0, -0.7853981633974483);
+    v[0] = vec4(zonal[0] * y[0], zonal[1] * vec3(y[1], y[2], y[3]));
+    v[1] = vec4(0.0);
+    v[2] = vec4(0.0, zonal[3] * vec3(y[9], y[10], y[11]));
+    v[3] = zonal[3] * vec4(y[12], y[13], y[14], y[15]);
+}
+
 // The field at a surface point: trilinear among the eight cells around it, of which only those in vacuum count. A cell
-// centred inside the surface sees nothing and would say nothing about the light that falls on it.
-void surface_visibility(vec3 n, vec3 outward, vec3 dims, out vec4 v[4]) {
+// centred inside the surface sees nothing and would say nothing about the light that falls on it. Where the volume's box
+// cuts matter open there are no cells further out: nothing stands there, and the surface sees what an open plane sees.
+void surface_visibility(vec3 n, vec3 normal, vec3 outward, out vec4 v[4]) {
+    vec4 open[4];
+    half_space(normal, open);
     vec3 q = n * field_dims.xyz - 0.5;
     for (int attempt = 0; attempt < 2; attempt++) {
         vec3 base = floor(q);
@@ -95,11 +110,15 @@ void surface_visibility(vec3 n, vec3 outward, vec3 dims, out vec4 v[4]) {
         float weights = 0.0;
         for (int i = 0; i < 8; i++) {
             vec3 o = vec3(i & 1, (i >> 1) & 1, i >> 2);
-            vec3 c = clamp(base + o, vec3(0.0), field_dims.xyz - 1.0);
+            vec3 wanted = base + o;
+            vec3 c = clamp(wanted, vec3(0.0), field_dims.xyz - 1.0);
             vec3 w3 = mix(1.0 - f, f, o);
             float w = w3.x * w3.y * w3.z;
             bool vacuum = above((c + 0.5) / field_dims.xyz) < 0.0;
-            if (w > 0.0 && (vacuum || attempt == 1)) {
+            if (w > 0.0 && !vacuum && wanted != c) {
+                for (int g = 0; g < 4; g++) v[g] += w * open[g];
+                weights += w;
+            } else if (w > 0.0 && (vacuum || attempt == 1)) {
                 ivec3 p = ivec3(c);
                 v[0] += w * decode(texelFetch(field0, p, 0), 0u);
                 if (BANDS > 2) v[1] += w * decode(texelFetch(field1, p, 0), 1u);
@@ -188,7 +207,7 @@ void main() {
     outward = largest > 0.0 ? outward / largest : vec3(0.0);
 
     vec4 v[4];
-    surface_visibility(n, outward, dims, v);
+    surface_visibility(n, normal, outward, v);
     vec3 radiance;
     if (LAMBERT == 0u) {
         radiance = INV_4PI * light_row(v, 0u);

@@ -1,4 +1,4 @@
-// relight: field x light -> irradiance volume. S/albedo = 1/(4 pi) sum v_lm L_lm per colour channel (isotropic phase
+// relight: field x light -> irradiance volume, the light brought to the range of half floats by the caller. S/albedo = 1/(4 pi) sum v_lm L_lm per colour channel (isotropic phase
 // function); alpha holds the mean visibility v_00/(2 sqrt(pi)). The dot product is linear, so filtering its result
 // afterwards is exact. Counted: 4 texels read, 48 multiply-adds, 8 bytes written per cell.
 #version 460
@@ -25,7 +25,6 @@ layout(push_constant) uniform Params {
 
 const float INV_4PI = 0.07957747154594767;
 const float INV_V00 = 0.28209479177387814; // 1/(2 sqrt(pi))
-const float HALF_MAX = 65504.0;
 
 vec3 group_product(vec4 v, uint g) {
     return v.x * light[4u * g].rgb + v.y * light[4u * g + 1u].rgb + v.z * light[4u * g + 2u].rgb + v.w * light[4u * g + 3u].rgb;
@@ -40,6 +39,6 @@ void main() {
     if (BANDS > 2) sum += group_product(decode(texelFetch(field1, p, 0), 1u), 1u);
     if (BANDS > 2) sum += group_product(decode(texelFetch(field2, p, 0), 2u), 2u);
     if (BANDS > 3) sum += group_product(decode(texelFetch(field3, p, 0), 3u), 3u);
-    vec3 s = clamp(sum * INV_4PI, -HALF_MAX, HALF_MAX);
+    vec3 s = sum * INV_4PI;
     imageStore(irradiance, p, to_nearest_half(vec4(s, v0.x * INV_V00)));
 }

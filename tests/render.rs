@@ -153,7 +153,7 @@ fn raymarch_equals_its_twin() {
                         for c in 0..3 {
                             worst = worst.max((p[c] - t[c]).abs());
                         }
-                        worst = worst.max((p[3] - (1.0 - t[3])).abs());
+                        worst = worst.max((p[3] + (-t[3]).exp_m1()).abs());
                     }
                 }
                 worst
@@ -324,5 +324,118 @@ fn unusable_pictures_and_surfaces_are_refused_with_a_sentence() {
     for bad in [image(0, 5, 1.0), image(5, 0, 1.0), image(5, 5, 0.0), image(5, 5, f64::NAN), image(5, 5, 1e-9)] {
         let error = engine.render(&medium, &lit, &camera(&grid, [1.0, 1.0, 1.0], 30.0), &bad, &mut quiet).expect_err("refused");
         assert!(matches!(error, halflight::Error::Invalid { .. }), "{error}");
+    }
+}
+
+#[test]
+fn a_surface_that_the_box_cuts_open_sees_what_an_open_plane_sees() {
+    let engine = engine();
+    // Solid matter but for one voxel; and a block whose faces lie `margin` voxels inside the box.
+    // `off`: how far before the face the nearest cell centre in vacuum lies; 0 where there is none inside the box.
+    for (margin, ratio, off) in [(0, 1, 0.0), (0, 4, 0.0), (1, 1, 0.5), (1, 4, 0.0), (2, 4, 0.0), (6, 4, 4.0)] {
+        let n = 32usize;
+        let volume = Volume::from_fn(Grid::axis_aligned([n; 3], [1.0; 3]).expect("grid"), |p| {
+            let inside = (0..3).all(|a| p[a] > margin as f64 && p[a] < (n - margin) as f64);
+            let hole = p.iter().all(|&x| x > 15.0 && x < 16.0);
+            f32::from(u8::from(inside && !hole))
+        })
+        .expect("volume");
+        for shading in [Shading::Lambert, Shading::Isotropic] {
+            let matter = surface(Surface { iso: 0.5, shading, albedo: Some([1.0; 3]) });
+            let (_, medium) = load(&engine, &volume, &matter);
+            let field = engine.precompute(&medium, &march(ratio), &mut quiet).expect("field");
+            let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+            let camera = camera(volume.grid(), [0.0, -3.0, 0.0], 20.0);
+            let picture = engine.render(&medium, &lit, &camera, &image(16, 16, 0.5), &mut quiet).expect("picture");
+            // The middle of the face: a plane under constant light shows 1 (Lambert), or half the sky (isotropic).
+            // The isotropic form sees more from a cell before the face: all but the solid angle of the square face.
+            let half = (16 - margin) as f64;
+            let blocked = (half * half / (half * half + off * off)).asin() / std::f64::consts::PI;
+            let expected = if shading == Shading::Lambert { 1.0 } else { 1.0 - blocked as f32 };
+            let got = picture.rgba[8 * 16 + 8];
+            assert_eq!(got[3], 1.0);
+            // Four bands of a step ring by a few percent.
+            assert!((got[0] - expected).abs() < 0.08 * expected, "margin {margin}, 1:{ratio}, {shading:?}: {} for {expected}", got[0]);
+        }
+    }
+}
+
+#[test]
+fn light_of_any_brightness_gives_the_same_picture_but_for_the_factor() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([20, 20, 20], [1.0; 3]).expect("grid");
+    let (_, medium) = load(&engine, &blobs(grid, 5), &linear(0.4));
+    let field = engine.precompute(&medium, &march(2), &mut quiet).expect("field");
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
+    let run = |factor: f64| {
+        let lit = engine.relight(&field, &coloured().scaled(factor)).expect("light");
+        engine.render(&medium, &lit, &camera, &image(24, 18, 1.0), &mut quiet).expect("picture")
+    };
+    let unit = run(1.0);
+    for factor in [1e-12, 1e-3, 1e3, 1e6, 1e12] {
+        for (p, u) in run(factor).rgba.iter().zip(&unit.rgba) {
+            for c in 0..3 {
+                let got = f64::from(p[c]) / factor;
+                assert!((got - f64::from(u[c])).abs() < 2e-3 * (f64::from(u[c]) + 1e-3), "{factor}: {got} for {}", u[c]);
+            }
+            assert_eq!(p[3], u[3]);
+        }
+    }
+}
+
+#[test]
+fn thin_media_cover_by_their_depth_at_any_step() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([32; 3], [1.0; 3]).expect("grid");
+    let volume = blobs(grid, 5);
+    for sigma in [1e-6, 1e-5, 1e-4, 1e-2] {
+        let (_, medium) = load(&engine, &volume, &homogeneous(sigma));
+        let field = engine.precompute(&medium, &Visibility { directions: 4, ..march(8) }, &mut quiet).expect("field");
+        let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+        for step in [1.0, 0.05] {
+            let picture =
+                engine.render(&medium, &lit, &camera(&grid, [0.0, -3.0, 0.0], 2.0), &image(3, 3, step), &mut quiet).expect("picture");
+            let expected = -(-32.0 * sigma).exp_m1();
+            let got = f64::from(picture.rgba[4][3]);
+            // Up to 640 additions in single precision.
+            assert!((got / expected - 1.0).abs() < 1e-4, "sigma {sigma}, step {step}: {got} for {expected}");
+        }
+    }
+}
+
+#[test]
+fn one_stray_voxel_does_not_change_the_others() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([32; 3], [1.0; 3]).expect("grid");
+    let value = |p: [f64; 3], stray: f32| {
+        if p[0] < 1.0 && p[1] < 1.0 && p[2] < 1.0 {
+            return stray;
+        }
+        let r2: f64 = p.iter().map(|x| (x - 16.0).powi(2)).sum();
+        f32::from(u8::from(r2 < 64.0))
+    };
+    let points = [[0.3, 1.0, 1.0, 1.0, 0.0], [0.7, 1.0, 1.0, 1.0, 0.2]];
+    let transfer = halflight::scene::Transfer::from_points(
+        &points,
+        halflight::scene::transfer::Kind::Opacity,
+        halflight::scene::transfer::Reference::Voxel,
+    )
+    .expect("transfer");
+    let run = |stray: f32, surface: Option<Surface>| {
+        let volume = Volume::from_fn(grid, |p| value(p, stray)).expect("volume");
+        let (_, medium) = load(&engine, &volume, &halflight::scene::Matter { transfer: transfer.clone(), surface });
+        let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
+        let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+        engine.render(&medium, &lit, &camera(&grid, [1.6, -1.9, 1.1], 25.0), &image(24, 18, 0.5), &mut quiet).expect("picture")
+    };
+    for surface in [None, Some(Surface { iso: 0.5, shading: Shading::Lambert, albedo: None })] {
+        let clean = run(0.0, surface);
+        for stray in [-1e4, -32768.0, -1e6, -1e9, -3e38] {
+            let picture = run(stray, surface);
+            // The stray voxel itself is below every point: vacuum, as before.
+            let worst =
+                clean.rgba.iter().zip(&picture.rgba).flat_map(|(a, b)| (0..4).map(move |c| (a[c] - b[c]).abs())).fold(0.0, f32::max);
+            assert!(worst < 2e-3, "{stray}, {surface:?}: {worst}");
+        }
     }
 }

@@ -327,3 +327,68 @@ fn white_light_and_open_sky_give_pi() {
     let irradiance: f64 = (0..49).map(|k| lobe[k] * matrix[k][0][0] * (4.0 * PI).sqrt()).sum();
     assert!((irradiance - PI).abs() < 1e-13);
 }
+
+#[test]
+fn the_kernels_file_states_the_same_numbers() {
+    // Reads the GLSL as arithmetic: every `y[i] = …;` is evaluated and compared with the twin.
+    let text = include_str!("../glsl/sh.glsl");
+    let dir = DVec3::new(0.48, -0.6, 0.64);
+    let check = |text: &str| -> f64 {
+        let mut y = [f64::NAN; 16];
+        for line in text.lines().filter_map(|l| l.trim().strip_prefix("y[")) {
+            let (i, rest) = line.split_once("] = ").unwrap();
+            let expression = rest.trim_end_matches(';').replace("d.x", "x").replace("d.y", "y").replace("d.z", "z");
+            y[i.parse::<usize>().unwrap()] =
+                sum(&mut expression.replace("c2", "(x * x - y * y)").replace("zz", "z * z").chars().filter(|c| *c != ' ').peekable(), dir);
+        }
+        largest_difference(&y, &sh::basis(dir)) + if y.iter().all(|y| y.is_finite()) { 0.0 } else { f64::INFINITY }
+    };
+    assert!(check(text) < 1e-14, "{}", check(text));
+    assert!(check(&text.replace("2.8906", "2.8907")) > 1e-6);
+    assert!(check(&text.replace("y[1] = -", "y[1] = ")) > 0.1);
+}
+
+fn sum(c: &mut std::iter::Peekable<impl Iterator<Item = char>>, d: DVec3) -> f64 {
+    let mut value = product(c, d);
+    while let Some(&op) = c.peek() {
+        match op {
+            '+' | '-' => {
+                c.next();
+                let next = product(c, d);
+                value += if op == '+' { next } else { -next };
+            }
+            _ => break,
+        }
+    }
+    value
+}
+
+fn product(c: &mut std::iter::Peekable<impl Iterator<Item = char>>, d: DVec3) -> f64 {
+    let mut value = factor(c, d);
+    while c.next_if_eq(&'*').is_some() {
+        value *= factor(c, d);
+    }
+    value
+}
+
+fn factor(c: &mut std::iter::Peekable<impl Iterator<Item = char>>, d: DVec3) -> f64 {
+    match c.next() {
+        Some('-') => -factor(c, d),
+        Some('x') => d.x,
+        Some('y') => d.y,
+        Some('z') => d.z,
+        Some('(') => {
+            let value = sum(c, d);
+            c.next();
+            value
+        }
+        Some(digit) => {
+            let mut text = String::from(digit);
+            while let Some(next) = c.next_if(|n| n.is_ascii_digit() || *n == '.') {
+                text.push(next);
+            }
+            text.parse().unwrap()
+        }
+        None => f64::NAN,
+    }
+}

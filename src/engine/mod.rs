@@ -1,6 +1,7 @@
 //! The engine: upload, classify, precompute, relight, render. Each call is one arrow of the straight line; long ones are
 //! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
 
+mod budget;
 mod precompute;
 mod render;
 mod sweep;
@@ -13,6 +14,7 @@ use crate::vk::{self, Access, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+pub use budget::Need;
 pub use precompute::precompute_memory;
 
 pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
@@ -68,6 +70,8 @@ pub struct Lit {
     field: Field,
     light: Light,
     irradiance: Image,
+    /// Radiance that 1 in `irradiance` stands for: keeps any light within half floats.
+    scale: f32,
 }
 
 impl DeviceVolume {
@@ -203,8 +207,9 @@ impl Engine {
             _ => Format::R16Unorm,
         };
         let dims = grid.dims().map(|n| n as u32);
-        let needs = grid.voxels() * u64::from(format.bytes());
-        self.ask(&format!("the volume of {}x{}x{} voxels", dims[0], dims[1], dims[2]), needs, |free| {
+        let voxel = 8 * format.bytes();
+        let what = format!("the volume of {}x{}x{} voxels ({voxel} bits each on the device)", dims[0], dims[1], dims[2]);
+        self.ask(&what, budget::volume_bytes(volume), |free| {
             let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
             format!(
                 "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",
@@ -224,7 +229,7 @@ impl Engine {
     pub fn classify(&self, volume: &DeviceVolume, matter: &Matter) -> Result<Medium> {
         let grid = volume.grid();
         let mut table = matter.transfer.table(volume.range(), grid);
-        if let Some(surface) = matter.surface {
+        if let (Some(surface), Some(albedo)) = (matter.surface, matter.surface_albedo()) {
             let [lo, hi] = volume.range().map(f64::from);
             if !(surface.iso >= lo && surface.iso <= hi) {
                 return Err(Error::Invalid {
@@ -233,12 +238,9 @@ impl Engine {
                     right: format!("the data's range is {lo} to {hi}"),
                 });
             }
-            let last = (table.sigma.len() - 1) as f64;
-            for (i, sigma) in table.sigma.iter_mut().enumerate() {
-                let value = lo + (hi - lo) * i as f64 / last;
-                *sigma = if value >= surface.iso { (SURFACE_DEPTH / grid.voxel_length()) as f32 } else { 0.0 };
-            }
+            table = Table::surface(surface.iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
         }
+        self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
         let sigma = self.device.buffer_from("sigma", &table.sigma)?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo })
@@ -274,9 +276,15 @@ impl Engine {
     /// [`Error::OutOfMemory`], and what the device refuses.
     pub fn relight(&self, field: &Field, light: &Light) -> Result<Lit> {
         let dims = field.dims().map(|n| n as u32);
+        let cells: u64 = field.dims().iter().map(|&n| n as u64).product();
+        self.ask("the irradiance volume", 8 * cells, |_| "compute a coarser field, or allow more memory".into())?;
         let desc = ImageDesc { name: "irradiance", dims, levels: 1, format: Format::Rgba16Sfloat, views: &[], storage: true };
         let irradiance = self.device.image3(&desc)?;
-        let coefficients: Vec<[f32; 4]> = light.to_f32().iter().map(|l| [l[0], l[1], l[2], 0.0]).collect();
+        // |S/ϖ| ≤ |v||L|/4π with |v| ≤ 2√π, 0.28 of the light's norm: this scale puts every cell within ±1200, where half
+        // floats have room on both sides.
+        let norm = (0..3).map(|c| light.coefficients.iter().map(|l| l[c] * l[c]).sum::<f64>().sqrt()).fold(0.0, f64::max);
+        let scale = if norm > 0.0 && norm.is_finite() { norm / 4096.0 } else { 1.0 };
+        let coefficients: Vec<[f32; 4]> = light.scaled(1.0 / scale).to_f32().iter().map(|l| [l[0], l[1], l[2], 0.0]).collect();
         let light_buffer = self.device.buffer_from("light", &coefficients)?;
         let mut rec = self.device.record()?;
         // A fresh image takes the layout for stores.
@@ -286,7 +294,7 @@ impl Engine {
         // The renderers only read it.
         rec.barrier(&[irradiance.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
         rec.submit()?;
-        Ok(Lit { field: field.clone(), light: *light, irradiance })
+        Ok(Lit { field: field.clone(), light: *light, irradiance, scale: scale as f32 })
     }
 
     /// (S/ϖ per channel, mean visibility) of every cell, x fastest: for tests and charts.
@@ -296,17 +304,8 @@ impl Engine {
     pub fn read_irradiance(&self, lit: &Lit) -> Result<Vec<[f32; 4]>> {
         let bytes = self.device.read_image(&lit.irradiance, 0)?;
         let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-        Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| value(&t[2 * c..2 * c + 2]))).collect())
-    }
-
-    /// Refuses what the memory budget cannot hold, before anything is allocated.
-    fn ask(&self, what: &str, needs: u64, right: impl FnOnce(u64) -> String) -> Result<()> {
-        let memory = self.device.memory();
-        let free = memory.budget.saturating_sub(memory.used);
-        if needs <= free {
-            return Ok(());
-        }
-        Err(Error::OutOfMemory { what: what.into(), needs, free, budget: memory.budget, right: right(free) })
+        let unit = [lit.scale, lit.scale, lit.scale, 1.0];
+        Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| unit[c] * value(&t[2 * c..2 * c + 2]))).collect())
     }
 }
 

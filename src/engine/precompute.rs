@@ -12,8 +12,16 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Cells that are estimated together; bounds the memory of the sums to 4 MiB.
+/// Cells that are estimated together at most; bounds the memory of the sums to 4 MiB.
 const TILE: usize = 1 << 16;
+
+/// Steps of all rays of one direction in a dispatch, at most: tens of milliseconds on a CPU device.
+const TILE_STEPS: u64 = 1 << 23;
+
+/// Cells that are estimated together when a ray takes `steps`.
+fn tile(steps: u64) -> usize {
+    (TILE_STEPS / steps.max(1)).clamp(64, TILE as u64) as usize
+}
 
 /// Bytes of device memory that `precompute` allocates: (kept for the field, freed at the end).
 pub fn precompute_memory(grid: &Grid, settings: &Visibility) -> (u64, u64) {
@@ -184,7 +192,7 @@ impl Engine {
         };
         let set = Directions::new(settings.directions, settings.sampling, grid);
         let directions = self.device.buffer_from("directions", &set.table)?;
-        let capacity = cells.len().min(TILE);
+        let capacity = cells.len().min(tile(steps));
         let cell_buffer = self.device.buffer::<u32>("cells", capacity)?;
         let sums = self.device.buffer::<f32>("sums", 16 * capacity)?;
         let mut rec = self.device.record()?;
@@ -192,7 +200,7 @@ impl Engine {
         rec.barrier(&[sums.all().from(Access::None).to(Access::ComputeReadWrite)]);
         rec.submit()?;
         let n = settings.directions;
-        let mut pacer = Pacer::new(2, most.min(u64::from(n)) as u32);
+        let mut pacer = Pacer::new(1, most.min(u64::from(n)) as u32);
         let tiles = cells.len().div_ceil(capacity);
         for (index, tile) in cells.chunks(capacity).enumerate() {
             self.device.write(&cell_buffer, tile)?;

@@ -10,7 +10,10 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Pixels that are rendered together; bounds the memory of their state to 16 MiB.
-const STRIP: usize = 1 << 20;
+pub(super) const STRIP: usize = 1 << 20;
+
+/// Samples of one row in a dispatch, at most: tens of milliseconds on a CPU device.
+const ROW_SAMPLES: u32 = 1 << 22;
 
 impl Engine {
     /// Renders a picture: direct volume rendering, or the isosurface if the matter has one. The background is left
@@ -77,10 +80,12 @@ impl Engine {
             });
         }
         // Loops besides the march: bisection, cells, harmonics.
-        let segment = self.device.loop_limit().saturating_sub(4096).max(1);
         let (width, height) = (image.width as u32, image.height as u32);
+        // One row must not take long either.
+        let segment = self.device.loop_limit().saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
         let most = ((STRIP / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
+        self.ask("the picture", 20 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
         let state = self.device.buffer::<[f32; 4]>("state", slots)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
@@ -111,7 +116,7 @@ impl Engine {
                 let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment };
                 let mut rec = self.device.record()?;
                 match &surface {
-                    None => raymarch::record(&mut rec, &medium.view(), &lit.irradiance, &view, part, step_length, &state)?,
+                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, step_length, &state)?,
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
@@ -138,7 +143,7 @@ impl Engine {
             let pixels: Vec<[f32; 4]> = self.device.read(&state, count)?;
             let first = (row * width) as usize;
             for (out, p) in picture.rgba[first..first + count].iter_mut().zip(&pixels) {
-                *out = [p[0], p[1], p[2], if surface.is_some() { p[3] } else { 1.0 - p[3] }];
+                *out = [p[0], p[1], p[2], if surface.is_some() { p[3] } else { -(-p[3]).exp_m1() }];
             }
             let mut rec = self.device.record()?;
             // The next strip writes over what the host has read.

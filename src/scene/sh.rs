@@ -1,5 +1,5 @@
 //! Real, orthonormal spherical harmonics: `index(l, m) = l(l+1)+m`, signs as in Sloan, "Stupid Spherical Harmonics (SH)
-//! Tricks", 2008 (Y₁₋₁ = −½√(3/π)·y: the Condon–Shortley phase (−1)^m for both signs of m).
+//! Tricks", 2008 (Y₁₋₁ = −½√(3/π)·y: the Condon–Shortley phase (−1)^m for both signs of m). Mirrored by `glsl/sh.glsl`.
 
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;

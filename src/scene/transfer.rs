@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 /// point means σ_t·d = 16.6 over its reference length d.
 pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 16_777_216.0;
 
-/// Entries of the tables that the kernels look up: σ_t and albedo sampled evenly over the data's range, linear in
+/// Entries of the tables that the kernels look up: σ_t and albedo sampled evenly over the scalars between which it changes, linear in
 /// between.
 pub const TABLE_SIZE: usize = 4096;
 
@@ -56,12 +56,13 @@ pub struct Transfer {
     reference: Reference,
 }
 
-/// σ_t and albedo sampled at [`TABLE_SIZE`] scalars, evenly from `lo` to `hi`; what kernels and twins look up.
+/// σ_t and albedo sampled at [`TABLE_SIZE`] scalars, evenly from `lo` to `hi`, linear in between; what kernels and twins
+/// look up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Scalar of the first entry.
+    /// Scalar of the first entry, which holds below it too.
     pub lo: f32,
-    /// Scalar of the last entry.
+    /// Scalar of the last entry, which holds above it too.
     pub hi: f32,
     /// σ_t, 1/world unit.
     pub sigma: Vec<f32>,
@@ -169,13 +170,14 @@ impl Transfer {
         per_reference / self.reference.length(grid)
     }
 
-    /// The tables for data of `range`.
+    /// The tables for data of `range`: over that part of the range in which the function changes, since its ends hold
+    /// outside. A stray value far off the others does not cost resolution.
     pub fn table(&self, range: [f32; 2], grid: &Grid) -> Table {
-        let (lo, hi) = (f64::from(range[0]), f64::from(range[1]));
+        let [lo, hi] = table_interval(self.varying(), range);
         let at = |i: usize| lo + (hi - lo) * i as f64 / (TABLE_SIZE - 1) as f64;
         Table {
-            lo: range[0],
-            hi: range[1],
+            lo: lo as f32,
+            hi: hi as f32,
             sigma: (0..TABLE_SIZE).map(|i| self.sigma(at(i), grid) as f32).collect(),
             albedo: (0..TABLE_SIZE)
                 .map(|i| {
@@ -183,6 +185,49 @@ impl Transfer {
                     [r, g, b, 0.0]
                 })
                 .collect(),
+        }
+    }
+}
+
+impl Transfer {
+    /// The scalars between which colour or opacity change; first and last point where nothing does.
+    fn varying(&self) -> [f64; 2] {
+        fn hull<T: PartialEq>(points: &[(f64, T)]) -> Option<[f64; 2]> {
+            let first = points.windows(2).find(|w| w[0].1 != w[1].1)?[0].0;
+            let last = points.windows(2).rev().find(|w| w[0].1 != w[1].1)?[1].0;
+            Some([first, last])
+        }
+        match (hull(&self.colors), hull(&self.opacities)) {
+            (Some(a), Some(b)) => [a[0].min(b[0]), a[1].max(b[1])],
+            (Some(a), None) | (None, Some(a)) => a,
+            (None, None) => [self.opacities[0].0; 2],
+        }
+    }
+}
+
+/// The interval that a table covers: `varying` within the data, one entry wider on both sides so that a step at an end
+/// stands inside the table.
+fn table_interval(varying: [f64; 2], range: [f32; 2]) -> [f64; 2] {
+    let (data_lo, data_hi) = (f64::from(range[0]), f64::from(range[1]));
+    let lo = varying[0].clamp(data_lo, data_hi);
+    let hi = varying[1].clamp(data_lo, data_hi).max(lo);
+    // A bare step has no width of its own: single precision's resolution there.
+    let least = 1e-5 * lo.abs().max(hi.abs()).max(1e-15);
+    let margin = ((hi - lo) / (TABLE_SIZE - 3) as f64).max(least);
+    [lo - margin, hi + margin]
+}
+
+impl Table {
+    /// The tables of an opaque surface: `sigma` (1/world unit) where the data is at least `iso`, vacuum below. The step
+    /// takes a hundred-thousandth of `iso`, whatever the data's range.
+    pub fn surface(iso: f64, sigma: f64, albedo: [f32; 3]) -> Self {
+        let [lo, hi] = table_interval([iso; 2], [iso as f32; 2]);
+        let [r, g, b] = albedo;
+        Self {
+            lo: lo as f32,
+            hi: hi as f32,
+            sigma: (0..TABLE_SIZE).map(|i| if i < TABLE_SIZE / 2 { 0.0 } else { sigma as f32 }).collect(),
+            albedo: vec![[r, g, b, 0.0]; TABLE_SIZE],
         }
     }
 }

@@ -63,9 +63,9 @@ pub fn reference(volume: &Volume, table: &Table) -> Vec<f32> {
                         .map(|&d| twin::extinction(table, d))
                         .sum::<f32>()
                         * 0.25;
-                    sum += (-mean * h).exp();
+                    sum -= (-mean * h).exp_m1();
                 }
-                out.push(1.0 - sum / 3.0);
+                out.push(sum / 3.0);
             }
         }
     }

@@ -70,7 +70,7 @@ pub struct Part {
     pub step_count: u32,
 }
 
-/// Records one part; `state` (rows × width vec4: radiance and transmittance) is read and written, the caller puts
+/// Records one part. `irradiance` is the volume and the radiance that its unit stands for; `state` (rows × width vec4: radiance and optical depth) is read and written, the caller puts
 /// barriers on it.
 ///
 /// # Errors
@@ -78,12 +78,13 @@ pub struct Part {
 pub fn record(
     rec: &mut Recorder,
     medium: &MediumView,
-    irradiance: &Image,
+    irradiance: (&Image, f32),
     view: &View,
     part: Part,
     step_length: f64,
     state: &Buffer,
 ) -> Result<()> {
+    let (irradiance, light_scale) = irradiance;
     rec.dispatch(
         &kernel::Bindings {
             volume: medium.volume.sampled(),
@@ -108,12 +109,13 @@ pub fn record(
             rows: part.rows,
             first_step: part.first_step,
             step_count: part.step_count,
+            light_scale,
         },
         [part.width, part.rows, 1],
     )
 }
 
-/// The twin: radiance and transmittance of one pixel. `irradiance(p)` is S/ϖ at voxel coordinates p.
+/// The twin: radiance and optical depth of one pixel. `irradiance(p)` is S/ϖ at voxel coordinates p.
 pub fn reference(
     volume: &Volume,
     table: &Table,
@@ -128,12 +130,13 @@ pub fn reference(
     let (enter, leave) = twin::box_span(view.origin, d, dims);
     let begin = enter.max(0.0);
     let total = leave - begin;
-    let mut out = [0.0, 0.0, 0.0, 1.0];
+    let mut out = [0.0; 4];
+    let mut transmittance = 1f32;
     if total <= 0.0 {
         return out;
     }
     for i in 0..(total / step).ceil() as u32 {
-        if out[3] <= 1e-3 {
+        if transmittance <= 1e-3 {
             break;
         }
         let t = i as f32 * step;
@@ -142,12 +145,13 @@ pub fn reference(
         let value = twin::sample(volume, p);
         let sigma = twin::extinction(table, value);
         if sigma > 0.0 {
-            let alpha = 1.0 - (-sigma * ds).exp();
+            let alpha = -(-sigma * ds).exp_m1();
             let (albedo, light) = (twin::albedo(table, value), irradiance(p));
             for c in 0..3 {
-                out[c] += out[3] * alpha * albedo[c] * light[c].max(0.0);
+                out[c] += transmittance * alpha * albedo[c] * light[c].max(0.0);
             }
-            out[3] *= 1.0 - alpha;
+            out[3] += sigma * ds;
+            transmittance = (-out[3]).exp();
         }
     }
     out

@@ -57,6 +57,6 @@ pub fn reference(v: &[f32; 16], light: &[[f32; 3]; 16]) -> [f32; 4] {
             sum[c] += v * l[c];
         }
     }
-    let s = sum.map(|s| (s / (4.0 * std::f32::consts::PI)).clamp(-65504.0, 65504.0));
+    let s = sum.map(|s| s / (4.0 * std::f32::consts::PI));
     [s[0], s[1], s[2], v[0] / (2.0 * std::f32::consts::PI.sqrt())]
 }

@@ -21,7 +21,7 @@ pub(super) fn path(folder: Option<&Path>, info: &DeviceInfo) -> Option<PathBuf> 
         None => std::env::var_os("XDG_CACHE_HOME")
             .map(PathBuf::from)
             .filter(|p| p.is_absolute())
-            .or_else(|| std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".cache")))?
+            .or_else(|| std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".cache")).filter(|p| p.is_absolute()))?
             .join("halflight"),
     };
     Some(folder.join(format!("pipelines-{}-{:08x}.bin", info.uuid, info.driver_version)))
