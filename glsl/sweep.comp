@@ -91,7 +91,10 @@ void main() {
             if (b > a) depth += optical_depth(x, d, a, b, scale);
             float beyond = 1.0; // the ray has left the volume
             if (float(m) * ds < end) {
-                vec2 q = clamp(place + float(m) * shift, vec2(0.0), last);
+                vec2 wanted = place + float(m) * shift;
+                vec2 q = clamp(wanted, vec2(0.0), last);
+                // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
+                vec2 inside = 1.0 - clamp(2.0 * abs(wanted - q), 0.0, 1.0);
                 vec2 base = min(floor(q), max(last - 1.0, vec2(0.0)));
                 vec2 f = q - base;
                 uint slot = (ring_slot + NEAR + 1u - m) % (NEAR + 1u);
@@ -100,7 +103,7 @@ void main() {
                 uint below = height > 1u ? width : 0u;
                 float upper = mix(transmittance[at], transmittance[at + right], f.x);
                 float lower = mix(transmittance[at + below], transmittance[at + below + right], f.x);
-                beyond = mix(upper, lower, f.y);
+                beyond = mix(1.0, mix(upper, lower, f.y), inside.x * inside.y);
             }
             v = exp(-depth) * beyond;
             if (m == 1u) transmittance[(ring_slot * direction_count + k) * area + i] = v;

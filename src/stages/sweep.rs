@@ -185,7 +185,10 @@ pub fn reference(
                             let mut beyond = 1.0;
                             if m as f32 * ds < end {
                                 let q = [i as f32 + m as f32 * shift[0] + 0.5, j as f32 + m as f32 * shift[1] + 0.5, 0.5];
-                                beyond = twin::trilinear([plane[0], plane[1], 1], q, |p| swept[order - m][p[0] + plane[0] * p[1]]);
+                                let swept = twin::trilinear([plane[0], plane[1], 1], q, |p| swept[order - m][p[0] + plane[0] * p[1]]);
+                                // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
+                                let inside = |k: usize| 1.0 - (2.0 * (0.5 - q[k]).max(q[k] + 0.5 - plane[k] as f32)).clamp(0.0, 1.0);
+                                beyond = 1.0 + (swept - 1.0) * inside(0) * inside(1);
                             }
                             v = (-depth).exp() * beyond;
                             if m == 1 {
