@@ -23,19 +23,24 @@ fn field_error_of_both_estimators_on_the_engine_block() {
     let reference = measure::reference(&engine, &medium, 4, &probes, &mut quiet).expect("reference");
     let seconds = |engine: &halflight::Engine| engine.take_timings().iter().map(|s| s.seconds).sum::<f64>();
     println!("engine.nii.gz at 1:4, {} probes; reference: {:.1} s of device time", probes.len(), seconds(&engine));
-    println!("method        sampling    N    filter      growth  error before packing   8 bit   16 bit   device s");
+    println!(
+        "method        sampling    N    settings         error before packing     8 bit   16 bit  device s (sweep: of the whole field)"
+    );
     let error = |s: &Visibility| -> f64 {
         engine.take_timings();
         let v = engine.estimate(&medium, s, &probes, &mut quiet).expect("estimate");
         let e = measure::field_error(&v, &reference);
         let packed = [8, 16].map(|bits| measure::field_error(&measure::packed(&v, 4, bits), &reference).relative_l2);
         println!(
-            "{:12}  {:10}  {:3}  {:10}  {:6}  {:.4} [{:.4}, {:.4}]  {:.4}  {:.4}  {:.2}",
+            "{:12}  {:10}  {:3}  {:15}  {:.4} [{:.4}, {:.4}]  {:.4}  {:.4}  {:.2}",
             format!("{:?}", s.method),
             format!("{:?}", s.sampling),
             s.directions,
-            if s.method == Method::March { "-".into() } else { format!("{:?}", s.filter) },
-            if s.method == Method::March { "-".into() } else { s.growth.to_string() },
+            match s.method {
+                Method::March => "-".into(),
+                Method::Hierarchical => format!("{:?} {}", s.filter, s.growth),
+                Method::Sweep => format!("near {} step {}", s.near, s.step),
+            },
             e.relative_l2,
             e.interval[0],
             e.interval[1],
@@ -59,6 +64,10 @@ fn field_error_of_both_estimators_on_the_engine_block() {
         }
     }
     hierarchical.push(error(&Visibility { sampling: Sampling::Jittered, ..base.clone() }));
+    let sweep = [(1, 64), (2, 128)]
+        .map(|(near, directions)| error(&Visibility { method: Method::Sweep, near, directions, step: 2.0, ..base.clone() }));
+    // Two slices marched densely and 128 directions beat the hierarchy's 400.
+    assert!(sweep[1] < sweep[0] && sweep[1] < 0.6 * hierarchical[2], "{sweep:?}");
     // A fixed, well-spread set beats jitter, and the dense march beats the hierarchy, whose error is bias.
     assert!(stratified < jittered && jittered < 0.12, "{stratified} {jittered}");
     assert!(hierarchical.iter().all(|&h| h > stratified), "{hierarchical:?}");
