@@ -58,6 +58,7 @@ filter = "product"
 sampling = "jittered"
 growth = 0.5
 step = 0.25
+near = 3
 
 [camera]
 position = [1, 2, 3]
@@ -105,6 +106,7 @@ fn every_key_is_read() {
         sampling: Sampling::Jittered,
         growth: 0.5,
         step: 0.25,
+        near: 3,
     };
     assert_eq!(s.visibility, visibility);
     let camera = CameraSettings {
@@ -152,6 +154,7 @@ fn defaults_hold_where_a_key_is_absent() {
     assert_eq!(d("visibility.bits"), s.visibility.bits.to_string());
     assert_eq!(d("visibility.growth"), s.visibility.growth.to_string());
     assert_eq!(d("visibility.step"), s.visibility.step.to_string());
+    assert_eq!(d("visibility.near"), s.visibility.near.to_string());
     assert_eq!((d("visibility.method").as_str(), s.visibility.method), ("hierarchical", Method::Hierarchical));
     assert_eq!((d("visibility.filter").as_str(), s.visibility.filter), ("axis", Filter::Axis));
     assert_eq!((d("visibility.sampling").as_str(), s.visibility.sampling), ("stratified", Sampling::Stratified));
