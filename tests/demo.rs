@@ -28,7 +28,7 @@ fn its_shape_does_not_depend_on_the_resolution() {
 #[test]
 fn matter_and_camera_are_usable() {
     let v = demo::volume(64).unwrap();
-    assert!(!demo::dvr().unwrap().is_vacuum(v.range(), v.grid()) && !demo::iso().unwrap().is_vacuum(v.range(), v.grid()));
+    assert!(!demo::dvr().unwrap().is_vacuum(v.range()) && !demo::iso().unwrap().is_vacuum(v.range()));
     demo::camera(v.grid()).check().unwrap();
     demo::visibility(true).check().unwrap();
     demo::visibility(false).check().unwrap();

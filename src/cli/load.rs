@@ -58,7 +58,7 @@ pub fn load(scene: &Scene) -> Result<Loaded, Failure> {
         return Err(Failure { code: 3, sentence: error.to_string() });
     }
     let matter = Matter { transfer, surface: scene.surface };
-    if matter.is_vacuum([lo, hi], volume.grid()) {
+    if matter.is_vacuum([lo, hi]) {
         log::warn!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty");
     }
     let aspect = scene.image.width as f64 / scene.image.height as f64;

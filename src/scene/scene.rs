@@ -1,7 +1,6 @@
 //! A scene: what to show, in which light, from where, how exactly. Plain data; `io::scene` reads it from TOML.
 
 use super::camera::{CameraSettings, Rays};
-use super::grid::Grid;
 use super::light::{Light, Probe};
 use super::picture::Picture;
 use super::sh::Window;
@@ -177,10 +176,10 @@ impl Matter {
     }
 
     /// Whether nothing would be seen of data within `range`: no extinction anywhere, or no value reaches the surface.
-    pub fn is_vacuum(&self, range: [f32; 2], grid: &Grid) -> bool {
+    pub fn is_vacuum(&self, range: [f32; 2]) -> bool {
         match self.surface {
             Some(surface) => surface.iso > f64::from(range[1]),
-            None => self.transfer.table(range, grid).sigma.iter().all(|&s| s == 0.0),
+            None => self.transfer.is_vacuum(range),
         }
     }
 }

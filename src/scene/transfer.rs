@@ -190,6 +190,17 @@ impl Transfer {
 }
 
 impl Transfer {
+    /// Whether σ_t is 0 for all values of data within `range`.
+    pub fn is_vacuum(&self, range: [f32; 2]) -> bool {
+        let [lo, hi] = range.map(f64::from);
+        let clear = |scalar: f64| {
+            let (a, b, t) = segment(&self.opacities, scalar);
+            a + (b - a) * t == 0.0
+        };
+        // Linear in between: the ends and the points inside decide.
+        clear(lo) && clear(hi) && self.opacities.iter().all(|&(s, o)| s < lo || s > hi || o == 0.0)
+    }
+
     /// The scalars between which colour or opacity change; first and last point where nothing does.
     fn varying(&self) -> [f64; 2] {
         fn hull<T: PartialEq>(points: &[(f64, T)]) -> Option<[f64; 2]> {
