@@ -116,10 +116,16 @@ fn bad_input_is_3() {
     nan.extend([1f32, f32::NAN].iter().flat_map(|v| v.to_le_bytes()));
     f.file("nan.nrrd", nan);
     f.file("raw.bin", [0u8; 24]);
+    let detached = |data: &str| format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: 1 1 1\nencoding: raw\ndata file: {data}\n");
+    f.file("away.nhdr", detached("/dev/zero"));
+    f.file("lost.nhdr", detached("lost.raw"));
     let cases: &[(&[&str], &str)] = &[
-        (&["render", "missing.nrrd", "-o", "x.png"], "missing.nrrd: cannot open"),
+        (&["render", "missing.nrrd", "-o", "x.png"], "missing.nrrd: cannot open: no such file; check the path"),
         (&["render", "missing.toml", "-o", "x.png"], "missing.toml: cannot open"),
-        (&["render", "gone.toml", "-o", "x.png"], "gone.nrrd: cannot open"),
+        (
+            &["render", "gone.toml", "-o", "x.png"],
+            "gone.nrrd: cannot open: no such file; check the path (paths in a scene are relative to the scene file)",
+        ),
         (&["render", "s.toml", "-o", "x.png"], "s.toml line 4: `surface.iso` is 99, outside the data's range 0 to 23; choose a value"),
         (&["render", "v.nrrd", "--surface.iso", "-1", "-o", "x.png"], "command line: `surface.iso` is -1, outside the data's range"),
         (&["render", "key.toml", "-o", "x.png"], "key.toml line 4: `camera.fovv` is unknown; did you mean `camera.fov`?"),
@@ -130,15 +136,50 @@ fn bad_input_is_3() {
         (&["precompute", "short.nrrd", "-o", "x.nrrd"], "short.nrrd: "),
         (&["info", "nonsense.nrrd"], "nonsense.nrrd: "),
         (&["info", "missing"], "missing: cannot open"),
-        (&["info", "."], ".: cannot "),
+        (&["info", "."], ".: it is a folder; name a file"),
         (&["info", "nan.nrrd"], "--nan-as"),
         (&["info", "raw.bin", "--volume.dims", "[5, 5, 5]", "--volume.type", "uint8"], "raw.bin: "),
+        (&["info", "nonsense.nrrd"], "headerless samples where --volume.dims and --volume.type say what they are"),
+        (&["info", "away.nhdr"], "it must lie in the header's folder: move it there"),
+        (&["info", "lost.nhdr"], "its data file 'lost.raw' is not there"),
         (&["light", "v.nrrd"], "v.nrrd: "),
         (&["light", "missing.hdr"], "missing.hdr: cannot open"),
     ];
     for (arguments, part) in cases {
         fails(&f, arguments, 3, part);
     }
+}
+
+#[test]
+#[cfg(unix)]
+fn only_regular_files_are_read() {
+    let f = Folder::new("irregular");
+    f.volume();
+    for pipe in ["pipe.toml", "pipe.nrrd", "pipe.hdr", "pipe.json"] {
+        assert!(Command::new("mkfifo").arg(f.0.join(pipe)).status().unwrap().success());
+    }
+    std::os::unix::fs::symlink("/dev/zero", f.0.join("zero.toml")).unwrap();
+    std::fs::create_dir(f.0.join("folder.toml")).unwrap();
+    f.file("light.toml", "volume.file = 'v.nrrd'\nlight.probe = 'pipe.hdr'");
+    f.file("volume.toml", "volume.file = 'pipe.nrrd'");
+    f.file("preset.toml", "volume.file = 'v.nrrd'\ntransfer.file = 'pipe.json'");
+    for (file, part) in [
+        ("pipe.toml", "pipe.toml: it is a pipe or a device; a regular file is needed"),
+        ("zero.toml", "zero.toml: it is a pipe or a device"),
+        ("folder.toml", "folder.toml: it is a folder; name a file"),
+        ("light.toml", "pipe.hdr: it is a pipe"),
+        ("volume.toml", "pipe.nrrd: it is a pipe"),
+        ("preset.toml", "pipe.json: it is a pipe"),
+    ] {
+        fails(&f, &["info", file], 3, part);
+        fails(&f, &["render", file, "-o", "x.png"], 3, part);
+    }
+    fails(&f, &["info", "pipe.hdr"], 3, "pipe.hdr: it is a pipe");
+    fails(&f, &["light", "pipe.hdr"], 3, "pipe.hdr: it is a pipe");
+    fails(&f, &["light", "/dev/zero"], 3, "/dev/zero: it is a pipe or a device");
+    let long = format!("{}/missing.nrrd", ["d"; 1500].join("/"));
+    let out = halflight(&f.0, &["info", &long]);
+    assert!(out.stderr.len() < 600 && String::from_utf8_lossy(&out.stderr).contains("/missing.nrrd: cannot open"));
 }
 
 #[test]

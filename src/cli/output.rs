@@ -2,6 +2,7 @@
 
 use super::fail::Failure;
 use halflight::Error;
+use halflight::error::shown;
 use halflight::io;
 use halflight::scene::Picture;
 use std::path::{Path, PathBuf};
@@ -27,10 +28,10 @@ impl Output {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         let Some((_, kind)) = kinds.iter().find(|(name, _)| *name == extension) else {
             let names: Vec<String> = kinds.iter().map(|(name, _)| format!(".{name}")).collect();
-            return Err(Failure::usage(format!("{}: its extension must be {}", path.display(), names.join(" or "))));
+            return Err(Failure::usage(format!("{}: its extension must be {}", shown(path), names.join(" or "))));
         };
         if path.is_dir() {
-            return Err(Failure::usage(format!("{}: is a folder; name a file", path.display())));
+            return Err(Failure::usage(format!("{}: is a folder; name a file", shown(path))));
         }
         check_folder(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
         Ok(Self { path: path.to_owned(), kind: *kind })
@@ -40,7 +41,7 @@ impl Output {
     pub fn is_none_of(&self, inputs: &[&Path]) -> Result<(), Failure> {
         let same = |input: &Path| matches!((input.canonicalize(), self.path.canonicalize()), (Ok(a), Ok(b)) if a == b);
         if inputs.iter().any(|i| same(i)) {
-            return Err(Failure::usage(format!("{}: is an input of this command; name another output", self.path.display())));
+            return Err(Failure::usage(format!("{}: is an input of this command; name another output", shown(&self.path))));
         }
         Ok(())
     }

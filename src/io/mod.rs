@@ -25,7 +25,7 @@ pub use info::{VolumeInfo, describe};
 pub use nrrd_field::{NrrdField, read_nrrd_field, write_nrrd_field};
 pub use paraview::{TransferOptions, read_transfer};
 pub use png::write_png;
-pub use probe::read_probe;
+pub use probe::{is_probe, read_probe};
 pub use samples::SampleType;
 pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
 pub use scene_text::scene_text;
