@@ -1,7 +1,7 @@
 //! `info`: what a file holds.
 
 use super::Context;
-use super::args::overrides;
+use super::args::{OF_VOLUME, check_used, overrides};
 use super::fail::Failure;
 use super::load;
 use super::path_of;
@@ -25,9 +25,11 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         volume(&mut report, &scene, &loaded.volume)?;
         about_scene(&mut report, &scene, &loaded);
     } else if io::is_probe(path)? {
+        check_used(&overrides, &[], "the description of a probe").map_err(Failure::usage)?;
         report.set("kind", json!("probe"));
         probe(&mut report, &io::read_probe(path)?);
     } else {
+        check_used(&overrides, OF_VOLUME, "the description of a volume").map_err(Failure::usage)?;
         let scene = load::scene(path, &overrides)?;
         report.set("kind", json!("volume"));
         volume(&mut report, &scene, &load::volume(&scene)?)?;

@@ -1,7 +1,7 @@
 //! `precompute` and `render`: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::overrides;
+use super::args::{OF_FIELD, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
@@ -20,7 +20,7 @@ use std::path::Path;
 /// `halflight precompute SCENE -o FIELD.nrrd`
 pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
-    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)])?;
+    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
     let (_, field) = visibility(&engine, &scene, &loaded, 0, &mut report)?;
@@ -34,7 +34,7 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
-    let (scene, output) = asked(m, PICTURES)?;
+    let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
     let (medium, field) = visibility(&engine, &scene, &loaded, picture_memory(&scene, &loaded), &mut report)?;
@@ -62,9 +62,10 @@ fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String
 }
 
 /// The scene and the checked output of a command line.
-fn asked(m: &ArgMatches, kinds: &[(&str, Kind)]) -> Result<(Scene, Output), Failure> {
+fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
+    check_used(&overrides, used, "a visibility field").map_err(Failure::usage)?;
     let output = Output::check(path_of(m, "out")?, kinds)?;
     let scene = load::scene(path, &overrides)?;
     let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
