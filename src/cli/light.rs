@@ -65,7 +65,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     report.set("radiance", axes.into());
     if let Some(output) = output {
         output.write(&side_by_side(&scene, &probe, &light), scene.image.exposure, &[("probe".into(), source.clone())])?;
-        report.line("wrote", output.path.display().to_string());
+        report.wrote(&output.path);
         report.set("output", json!(output.path.display().to_string()));
     }
     report.finish()

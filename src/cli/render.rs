@@ -12,7 +12,7 @@ use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, Span, precompute_memory};
 use halflight::error::bytes;
 use halflight::io;
-use halflight::scene::scene::{Background, LightSource, fill_background};
+use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
 use halflight::scene::{Picture, Samples, Scene};
 use serde_json::json;
 use std::path::Path;
@@ -72,6 +72,9 @@ fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene
     if let LightSource::Probe(probe) = &scene.light.source {
         inputs.push(probe);
     }
+    if let TransferSource::File { path, .. } = &scene.transfer {
+        inputs.push(path);
+    }
     output.is_none_of(&inputs)?;
     Ok((scene, output))
 }
@@ -128,7 +131,7 @@ fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(
 
 fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
     report.work(engine, spans);
-    report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
+    report.wrote(&output.path);
     report.set("output", json!(output.path.display().to_string()));
     context.verdict(engine)?;
     report.finish()
