@@ -1,7 +1,8 @@
 //! The one error type. Each variant is a kind of trouble that a caller can act on; its text says what is wrong, where,
 //! and what would be right.
 
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
 /// What a fallible call of this crate returns.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -11,7 +12,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read or write a file.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {}", shown(path), reason(action, source))]
     Io {
         /// The file.
         path: PathBuf,
@@ -22,7 +23,7 @@ pub enum Error {
     },
 
     /// A file is damaged, or of a kind that is not read.
-    #[error("{}: {what}; {right}", path.display())]
+    #[error("{}: {what}; {right}", shown(path))]
     Format {
         /// The file.
         path: PathBuf,
@@ -123,6 +124,46 @@ pub enum Error {
     Cancelled,
 }
 
+/// A path as a sentence names it: one line, and of a very long one its end.
+pub fn shown(path: &Path) -> String {
+    const MOST: usize = 300;
+    let text: Vec<char> = escaped(&path.display().to_string()).collect();
+    match text.len().checked_sub(MOST) {
+        None | Some(0) => text.into_iter().collect(),
+        Some(over) => std::iter::once('…').chain(text.into_iter().skip(over + 1)).collect(),
+    }
+}
+
+/// Text in which nothing disturbs a terminal: control characters, and those that hide or reorder text, are escaped.
+pub(crate) fn escaped(text: &str) -> impl Iterator<Item = char> + '_ {
+    let odd =
+        |c: char| c.is_control() || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}');
+    text.chars().flat_map(move |c| {
+        let (plain, code) = if odd(c) { (None, Some(c.escape_default())) } else { (Some(c), None) };
+        plain.into_iter().chain(code.into_iter().flatten())
+    })
+}
+
+/// What the system's refusal means, and what would be right.
+fn reason(action: &str, source: &std::io::Error) -> String {
+    let opens = matches!(action, "open" | "read");
+    let text = match source.kind() {
+        ErrorKind::NotFound if opens => "no such file; check the path (paths in a scene are relative to the scene file)",
+        ErrorKind::NotFound => "no such folder; make it first or name another",
+        ErrorKind::NotADirectory => "a part of the path is a file, not a folder; check the path",
+        ErrorKind::IsADirectory => "it is a folder; name a file",
+        ErrorKind::PermissionDenied if opens => "permission denied; you need the right to read it, and to enter its folder",
+        ErrorKind::PermissionDenied => "permission denied; name a place that you may write to",
+        ErrorKind::ReadOnlyFilesystem => "the file system is read-only; name a place that you may write to",
+        ErrorKind::StorageFull => "the disk is full; make room or name another place",
+        ErrorKind::QuotaExceeded => "your quota of the disk is used up; make room or name another place",
+        ErrorKind::FileTooLarge => "it would be larger than files may become here; raise the limit (ulimit -f) or name another place",
+        ErrorKind::InvalidFilename => "the name is too long or not allowed; choose another",
+        _ => return source.to_string(),
+    };
+    text.into()
+}
+
 /// "12.0 MiB": bytes for people.
 pub fn bytes(n: u64) -> String {
     const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
@@ -133,4 +174,34 @@ pub fn bytes(n: u64) -> String {
         unit += 1;
     }
     if unit == 0 { format!("{n} B") } else { format!("{value:.1} {}", UNITS[unit]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_paths_keep_their_end_and_stay_in_one_line() {
+        assert_eq!(shown(Path::new("a/b.nrrd")), "a/b.nrrd");
+        assert_eq!(shown(Path::new("a\n\u{1b}[31m\u{202e}b")), "a\\n\\u{1b}[31m\\u{202e}b");
+        let exact = "x".repeat(300);
+        assert_eq!(shown(Path::new(&exact)), exact);
+        let long = format!("{}/end.nrrd", "d/".repeat(2000));
+        let text = shown(Path::new(&long));
+        assert!(text.chars().count() == 300 && text.starts_with('…') && text.ends_with("d//end.nrrd"), "{text}");
+        let error = Error::Format { path: long.into(), what: "w".into(), right: "r".into() };
+        assert!(error.to_string().len() < 320);
+    }
+
+    #[test]
+    fn the_system_refusals_say_what_would_be_right() {
+        let io = |action, kind: ErrorKind| Error::Io { path: "p".into(), action, source: kind.into() }.to_string();
+        assert!(io("open", ErrorKind::NotFound).starts_with("p: cannot open: no such file; check the path"));
+        assert!(io("create", ErrorKind::NotFound).contains("no such folder"));
+        for action in ["open", "read", "write"] {
+            assert!(io(action, ErrorKind::PermissionDenied).contains("permission denied; "));
+        }
+        let other = Error::Io { path: "p".into(), action: "read", source: std::io::Error::other("odd") };
+        assert_eq!(other.to_string(), "p: cannot read: odd");
+    }
 }

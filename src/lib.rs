@@ -46,6 +46,7 @@
 #![deny(unsafe_code, clippy::unwrap_used)]
 #![warn(missing_docs)]
 
+mod aside;
 pub mod demo;
 pub mod engine;
 pub mod error;

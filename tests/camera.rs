@@ -140,5 +140,12 @@ fn cameras_that_see_nothing_are_refused() {
     for (camera, part) in cases {
         assert!(sentence(camera).contains(part), "{}", sentence(camera));
     }
+    // Settings are refused in their own numbers, not in those of the world.
+    let refused = |settings: CameraSettings| Camera::from_settings(&settings, &grid, 1.0).unwrap_err().to_string();
+    let centre = CameraSettings { position: Some(DVec3::ZERO), ..CameraSettings::default() };
+    assert!(refused(centre).starts_with("camera.position: [0, 0, 0] is the target itself;"), "{}", refused(centre));
+    let side = DVec3::new(0.25, -0.00001, 3.0);
+    let there = CameraSettings { position: Some(side), target: Some(side), ..CameraSettings::default() };
+    assert!(refused(there).starts_with("camera.position: [0.25, -0.00001, 3] is"), "{}", refused(there));
     assert!(matches!(good.rays(&grid, 0, 4), Err(Error::Invalid { .. })));
 }

@@ -69,6 +69,7 @@ fn wrong_usage_is_2() {
     f.volume();
     f.file("s.toml", "[volume]\nfile = 'v.nrrd'\n[transfer]\npoints = [[0, 1, 1, 1, 0], [9, 1, 1, 1, 1]]");
     std::fs::create_dir(f.0.join("d.png")).unwrap();
+    f.file("p.hdr", "#?RADIANCE");
     let cases: &[(&[&str], &str)] = &[
         (&[], "a command is missing: demo, info, light, precompute, render or devices"),
         (&["rendr"], "unrecognized subcommand 'rendr'"),
@@ -93,6 +94,13 @@ fn wrong_usage_is_2() {
         (&["render", "s.toml", "-o", "x.png", "--nan-as", "nan"], "command line: `volume.nan_as` is nan"),
         (&["devices", "--memory", "12Q"], "the unit 'Q' is unknown; use K, M, G or T"),
         (&["devices", "--threads", "0"], "'--threads <N>'"),
+        (&["light", "v.nrrd", "--set", "light.probe=nope.hdr"], "`light.probe` changes nothing in `light`; it uses light.rotate"),
+        (&["light", "v.nrrd", "--set", "visibility.ratio=2"], "`visibility.ratio` changes nothing in `light`"),
+        (&["light", "v.nrrd", "--set", "light.scales=2"], "`light.scales` is unknown; did you mean `light.scale`?"),
+        (&["precompute", "v.nrrd", "-o", "x.nrrd", "--set", "camera.fov=3"], "`camera.fov` changes nothing in a visibility field"),
+        (&["info", "v.nrrd", "--image.width", "3"], "`image.width` changes nothing in the description of a volume; it uses volume"),
+        (&["info", "p.hdr", "--nan-as", "3"], "`volume.nan_as` changes nothing in the description of a probe"),
+        (&["devices", "--nan-as", "3"], "'--nan-as'"),
         (&["light", "v.nrrd", "-o", "x.nrrd"], "x.nrrd: its extension must be .exr or .png"),
     ];
     for (arguments, part) in cases {
@@ -116,10 +124,16 @@ fn bad_input_is_3() {
     nan.extend([1f32, f32::NAN].iter().flat_map(|v| v.to_le_bytes()));
     f.file("nan.nrrd", nan);
     f.file("raw.bin", [0u8; 24]);
+    let detached = |data: &str| format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: 1 1 1\nencoding: raw\ndata file: {data}\n");
+    f.file("away.nhdr", detached("/dev/zero"));
+    f.file("lost.nhdr", detached("lost.raw"));
     let cases: &[(&[&str], &str)] = &[
-        (&["render", "missing.nrrd", "-o", "x.png"], "missing.nrrd: cannot open"),
+        (&["render", "missing.nrrd", "-o", "x.png"], "missing.nrrd: cannot open: no such file; check the path"),
         (&["render", "missing.toml", "-o", "x.png"], "missing.toml: cannot open"),
-        (&["render", "gone.toml", "-o", "x.png"], "gone.nrrd: cannot open"),
+        (
+            &["render", "gone.toml", "-o", "x.png"],
+            "gone.nrrd: cannot open: no such file; check the path (paths in a scene are relative to the scene file)",
+        ),
         (&["render", "s.toml", "-o", "x.png"], "s.toml line 4: `surface.iso` is 99, outside the data's range 0 to 23; choose a value"),
         (&["render", "v.nrrd", "--surface.iso", "-1", "-o", "x.png"], "command line: `surface.iso` is -1, outside the data's range"),
         (&["render", "key.toml", "-o", "x.png"], "key.toml line 4: `camera.fovv` is unknown; did you mean `camera.fov`?"),
@@ -130,15 +144,50 @@ fn bad_input_is_3() {
         (&["precompute", "short.nrrd", "-o", "x.nrrd"], "short.nrrd: "),
         (&["info", "nonsense.nrrd"], "nonsense.nrrd: "),
         (&["info", "missing"], "missing: cannot open"),
-        (&["info", "."], ".: cannot "),
+        (&["info", "."], ".: it is a folder; name a file"),
         (&["info", "nan.nrrd"], "--nan-as"),
         (&["info", "raw.bin", "--volume.dims", "[5, 5, 5]", "--volume.type", "uint8"], "raw.bin: "),
+        (&["info", "nonsense.nrrd"], "headerless samples where --volume.dims and --volume.type say what they are"),
+        (&["info", "away.nhdr"], "it must lie in the header's folder: move it there"),
+        (&["info", "lost.nhdr"], "its data file 'lost.raw' is not there"),
         (&["light", "v.nrrd"], "v.nrrd: "),
         (&["light", "missing.hdr"], "missing.hdr: cannot open"),
     ];
     for (arguments, part) in cases {
         fails(&f, arguments, 3, part);
     }
+}
+
+#[test]
+#[cfg(unix)]
+fn only_regular_files_are_read() {
+    let f = Folder::new("irregular");
+    f.volume();
+    for pipe in ["pipe.toml", "pipe.nrrd", "pipe.hdr", "pipe.json"] {
+        assert!(Command::new("mkfifo").arg(f.0.join(pipe)).status().unwrap().success());
+    }
+    std::os::unix::fs::symlink("/dev/zero", f.0.join("zero.toml")).unwrap();
+    std::fs::create_dir(f.0.join("folder.toml")).unwrap();
+    f.file("light.toml", "volume.file = 'v.nrrd'\nlight.probe = 'pipe.hdr'");
+    f.file("volume.toml", "volume.file = 'pipe.nrrd'");
+    f.file("preset.toml", "volume.file = 'v.nrrd'\ntransfer.file = 'pipe.json'");
+    for (file, part) in [
+        ("pipe.toml", "pipe.toml: it is a pipe or a device; a regular file is needed"),
+        ("zero.toml", "zero.toml: it is a pipe or a device"),
+        ("folder.toml", "folder.toml: it is a folder; name a file"),
+        ("light.toml", "pipe.hdr: it is a pipe"),
+        ("volume.toml", "pipe.nrrd: it is a pipe"),
+        ("preset.toml", "pipe.json: it is a pipe"),
+    ] {
+        fails(&f, &["info", file], 3, part);
+        fails(&f, &["render", file, "-o", "x.png"], 3, part);
+    }
+    fails(&f, &["info", "pipe.hdr"], 3, "pipe.hdr: it is a pipe");
+    fails(&f, &["light", "pipe.hdr"], 3, "pipe.hdr: it is a pipe");
+    fails(&f, &["light", "/dev/zero"], 3, "/dev/zero: it is a pipe or a device");
+    let long = format!("{}/missing.nrrd", ["d"; 1500].join("/"));
+    let out = halflight(&f.0, &["info", &long]);
+    assert!(out.stderr.len() < 600 && String::from_utf8_lossy(&out.stderr).contains("/missing.nrrd: cannot open"));
 }
 
 #[test]
@@ -212,13 +261,112 @@ fn no_device_is_4() {
 }
 
 #[test]
+fn demo_without_a_device_leaves_no_folder() {
+    let f = Folder::new("nodemo");
+    let run = |arguments: &[&str], driver: Option<&str>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_halflight"));
+        for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+            driver.map(|d| command.env(name, d));
+        }
+        command.current_dir(&f.0).args(arguments).output().unwrap().status.code()
+    };
+    assert_eq!(run(&["demo", "-o", "a/b"], Some("/nonexistent/icd.json")), Some(4));
+    assert!(names(&f.0).is_empty());
+    if device() {
+        // Neither does one with too little memory.
+        assert_eq!(run(&["demo", "-o", "a/b", "--memory", "1K"], None), Some(5));
+        assert!(names(&f.0).is_empty());
+        std::fs::create_dir(f.0.join("mine")).unwrap();
+        assert_eq!(run(&["demo", "-o", "mine", "--memory", "1K"], None), Some(5));
+        assert!(f.0.join("mine").is_dir(), "a folder that was there stays");
+    }
+}
+
+/// 8x4 grey pixels.
+fn grey(f: &Folder) {
+    let mut hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".to_vec();
+    hdr.extend([128, 128, 128, 129].repeat(32));
+    f.file("grey.hdr", hdr);
+}
+
+#[test]
+#[cfg(unix)]
+fn outputs_go_where_the_user_means() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let f = Folder::new("outputs");
+    f.volume();
+    grey(&f);
+    std::fs::hard_link(f.0.join("v.nrrd"), f.0.join("hard.png")).unwrap();
+    std::fs::hard_link(f.0.join("grey.hdr"), f.0.join("grey.png")).unwrap();
+    symlink("v.nrrd", f.0.join("soft.png")).unwrap();
+    assert!(Command::new("mkfifo").arg(f.0.join("pipe.png")).status().unwrap().success());
+    for (arguments, part) in [
+        (["render", "v.nrrd", "-o", "hard.png"], "hard.png: is an input of this command"),
+        (["render", "v.nrrd", "-o", "soft.png"], "soft.png: is an input of this command"),
+        (["light", "grey.hdr", "-o", "grey.png"], "grey.png: is an input of this command"),
+        (["render", "v.nrrd", "-o", "o.png/"], "o.png/: is a folder; name a file"),
+        (["render", "v.nrrd", "-o", "o.png/."], "o.png/.: is a folder; name a file"),
+        (["render", "v.nrrd", "-o", "pipe.png"], "pipe.png: is a pipe or a device; name a regular file"),
+        (["render", "v.nrrd", "-o", "v.nrrd/x.png"], "v.nrrd: cannot write into this folder: a part of the path is a file"),
+    ] {
+        let code = if part.contains("cannot") { 3 } else { 2 };
+        fails(&f, &arguments, code, part);
+    }
+    // A link is written through; what it leads to keeps its permissions.
+    std::fs::create_dir(f.0.join("d")).unwrap();
+    f.file("d/real.png", "old");
+    std::fs::set_permissions(f.0.join("d/real.png"), std::fs::Permissions::from_mode(0o600)).unwrap();
+    symlink("d/real.png", f.0.join("link.png")).unwrap();
+    assert_eq!(halflight(&f.0, &["light", "grey.hdr", "-o", "link.png"]).status.code(), Some(0));
+    let real = std::fs::metadata(f.0.join("d/real.png")).unwrap();
+    assert!(real.len() > 100 && real.permissions().mode() & 0o777 == 0o600);
+    assert!(f.0.join("link.png").symlink_metadata().unwrap().is_symlink());
+    // New files are what the umask leaves; a limit of file sizes is a sentence, not a signal.
+    let shell = |script: &str| {
+        let script = format!("{script} {} light grey.hdr -o new.exr", env!("CARGO_BIN_EXE_halflight"));
+        Command::new("sh").args(["-c", &script]).current_dir(&f.0).output().unwrap()
+    };
+    let out = shell("ulimit -f 1;");
+    if Path::new("/proc/self/limits").exists() {
+        let stderr = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(3), "{stderr}");
+        assert!(stderr.contains("new.exr: cannot write: it would be larger than files may become here"), "{stderr}");
+        assert!(!f.0.join("new.exr").exists());
+    }
+    for (umask, mode) in [("027", 0o640), ("000", 0o666)] {
+        let _ = std::fs::remove_file(f.0.join("new.exr"));
+        assert_eq!(shell(&format!("umask {umask};")).status.code(), Some(0));
+        assert_eq!(std::fs::metadata(f.0.join("new.exr")).unwrap().permissions().mode() & 0o777, mode);
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_stdout_does_not_hide_what_was_written() {
+    let f = Folder::new("full");
+    grey(&f);
+    for arguments in [&["light", "grey.hdr", "-o", "x.png"][..], &["light", "grey.hdr", "-o", "x.png", "--json"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let out = Command::new(env!("CARGO_BIN_EXE_halflight")).current_dir(&f.0).args(arguments).stdout(full).output().unwrap();
+        let stderr = String::from_utf8(out.stderr).unwrap();
+        assert_eq!(out.status.code(), Some(3), "{stderr}");
+        assert!(stderr.contains("standard output: cannot write: ") && stderr.contains("; x.png was written all the same"), "{stderr}");
+        std::fs::remove_file(f.0.join("x.png")).unwrap();
+    }
+}
+
+#[test]
 fn help_lists_every_key_of_a_scene_with_its_default() {
     let help = String::from_utf8(halflight(Path::new("."), &["render", "--help"]).stdout).unwrap();
     let flat = help.split_whitespace().collect::<Vec<_>>().join(" ");
     for key in halflight::scene::keys::KEYS {
-        assert!(flat.contains(&format!("--{} <{}>", key.name, key.value)), "{}", key.name);
-        assert!(flat.contains(&format!("[default: {}]", key.default)) || key.default.is_empty(), "{}", key.name);
+        assert!(flat.contains(&format!("--{} <", key.name)), "{}", key.name);
+        let default = key.default.trim_start_matches('[').trim_end_matches(']').replace(", ", ",");
+        assert!(default.is_empty() || flat.replace(", ", ",").contains(&format!("(default: {default}")), "{}", key.name);
     }
+    assert!(flat.contains("--camera.up <X,Y,Z> direction that is up in the picture (default: 0,0,1)"), "{flat}");
+    let short = String::from_utf8(halflight(Path::new("."), &["render", "-h"]).stdout).unwrap();
+    assert!(!short.contains("--camera.up") && short.contains("--help lists all keys"), "{short}");
     let out = halflight(Path::new("."), &["--help"]);
     assert_eq!(out.status.code(), Some(0));
     assert!(String::from_utf8(out.stdout).unwrap().contains("Exit codes"));

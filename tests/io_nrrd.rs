@@ -207,7 +207,8 @@ fn a_data_file_stays_in_its_folder() {
     }
     dir.file("sub/own.raw", &[&data]);
     assert!(open("./own.raw", false).is_ok());
-    says(open("none.raw", false), &["none.raw", "cannot open"]);
+    says(open("none.raw", false), &["its data file 'none.raw' is not there"]);
+    says(open("none.raw", true), &["none.raw", "cannot open", "no such file"]);
     says(open(".", false), &["it is a folder"]);
     says(open("LIST", false), &["several files"]);
     says(open("s%03d.raw 1 3 1", false), &["several files"]);
@@ -317,7 +318,7 @@ fn raw_files_account_for_every_byte() {
     says(open(RawLayout { dims: [1 << 20; 3], kind: SampleType::F64, ..layout }), &["need 9223372036854775808 bytes"]);
     says(open(RawLayout { dims: [0, 1, 1], ..layout }), &["0x1x1"]);
     says(open(RawLayout { spacing: [0.0, 1.0, 1.0], ..layout }), &["grid spacing"]);
-    says(read(&path), &["no volume file known", "--dims"]);
+    says(read(&path), &["no volume file known", "--volume.dims"]);
     says(read(&dir.file("a.vti", &[b"<VTKFile"])), &["a VTK file, which is not read"]);
     says(read(&dir.file("empty.raw", &[])), &["it is empty"]);
 }

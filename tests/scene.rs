@@ -176,14 +176,19 @@ fn each_refusal_says_what_where_and_what_would_be_right() {
         ("[volume]\nfile = ''", "`volume.file` is \"\"; it must be a text in quotes"),
         ("volume = 'a.nrrd'", "s.toml line 1: `volume` is not a table; write [volume] and its keys below"),
         ("[[volume]]\nfile = 'a'", "`volume` is not a table"),
-        ("[lights]\n", "s.toml line 1: `lights` is unknown; did you mean `light`? (the tables are [volume], [transfer]"),
+        ("[lights]\n", "s.toml line 1: `lights` is unknown; did you mean `[light]`? (the tables are [volume], [transfer]"),
         (
             "\n\n[light]\nprob = 'x'",
             "s.toml line 4: `light.prob` is unknown; did you mean `light.probe`? ([light] has probe, constant, rotate",
         ),
         ("[image]\nqqqqqqqqq = 1", "`image.qqqqqqqqq` is unknown; [image] has width, height, step, background, exposure"),
+        // A table is no key: [prob] is not light.probe, but a key without its table is found.
+        ("[iso]\n", "s.toml line 1: `iso` is unknown; the tables are [volume], [transfer]"),
+        ("iso = 3\n", "s.toml line 1: `iso` is unknown; did you mean `surface.iso`? (the tables are"),
+        ("[volume]\nfile = 'a'\nfile = 'b'", "s.toml: line 3: `file` is given a second time; give each key, and each table, once"),
+        ("[image]\n[light]\n[image]", "s.toml: line 3: `image` is given a second time"),
         ("[image]\nwidth = ", "s.toml: line 2: "),
-        ("[image]\nwidth = 1\nwidth = 2", "s.toml: line 3: duplicate key"),
+        ("[image]\nwidth = 1\nwidth = 2", "s.toml: line 3: `width` is given a second time"),
         ("volume.file = 'a'\nvolume.dims = [1, 2]", "`volume.dims` is [1, 2]; it must be three integers"),
         ("volume.file = 'a'\nvolume.dims = [1, 2, 2.5]", "`volume.dims` is [1.0, 2.0, 2.5]; it must be three integers"),
         ("volume.file = 'a'\nvolume.dims = [1, 2, 0]", "`volume.dims` is [1, 2, 0]"),
@@ -277,13 +282,43 @@ fn overrides_replace_keys_and_pass_the_same_checks() {
     assert!(matches!(s.transfer, TransferSource::File { .. }));
     for (key, value, part) in [
         ("visibility.ratio", "3", "command line: `visibility.ratio` is 1:3; it must be 1, 2, 4 or 8"),
-        ("visibility.ratio", "two", "command line: `visibility.ratio` is \"two\"; it must be 1, 2, 4 or 8"),
+        ("visibility.ratio", "two", "command line: `visibility.ratio` is two; it must be 1, 2, 4 or 8"),
         ("visibility.ratios", "2", "command line: `visibility.ratios` is unknown; did you mean `visibility.ratio`?"),
         ("image.width", "1\nheight = 3", "`image.width` is"),
         ("transfer.name", "x", "command line: `transfer.name` cannot stand beside `transfer.points`"),
     ] {
         let sentence = with(FULL, &[(key, value)]).unwrap_err();
         assert!(sentence.contains(part), "{sentence}");
+    }
+}
+
+#[test]
+fn overrides_are_written_as_people_write_numbers() {
+    for albedo in ["[.9, .5, 1.]", "[0.9,+.5,1.0]", ".9,.5,1", "[9.e-1, 50e-2, 1]"] {
+        let s = with("volume.file='a'\nsurface.iso=1", &[("surface.albedo", albedo)]).unwrap();
+        assert_eq!(s.surface.unwrap().albedo, Some([0.9, 0.5, 1.0]), "{albedo}");
+    }
+    let s = with(
+        "volume.file='a'",
+        &[("image.exposure", "-.5"), ("camera.up", "0, -.5, 2."), ("transfer.points", "[0,0,0,0,0],[9,.5,1,1,1.]")],
+    );
+    let s = s.unwrap();
+    assert_eq!((s.image.exposure, s.camera.up), (-0.5, DVec3::new(0.0, -0.5, 2.0)));
+    let TransferSource::Points(t) = s.transfer else { panic!() };
+    assert_eq!((t.colors()[1], t.opacities()[1]), ((9.0, [0.5, 1.0, 1.0]), (9.0, 1.0)));
+    // What is wrong is shown as it was written; names keep their points.
+    for (key, value, part) in [
+        ("surface.albedo", "[.9 .9 .9]", "`surface.albedo` is [.9 .9 .9]; it must be three numbers"),
+        ("surface.albedo", ".9,.9", "`surface.albedo` is .9,.9; it must be three numbers"),
+        ("image.exposure", "1..5", "`image.exposure` is 1..5; it must"),
+        ("volume.file", "", "`volume.file` is empty; it must be a text"),
+    ] {
+        let sentence = with("volume.file='a'\nsurface.iso=1", &[(key, value)]).unwrap_err();
+        assert!(sentence.contains(part), "{sentence}");
+    }
+    for name in [".5", "1.", "1e3", "[a]", "2024-01-01", "007", "true"] {
+        let s = with("volume.file='a'", &[("volume.file", name)]).unwrap();
+        assert_eq!(s.volume.file, PathBuf::from(name));
     }
 }
 
@@ -309,7 +344,7 @@ fn files_that_are_no_scenes_are_refused() {
     assert_eq!(read_scene(&path, &[]).unwrap().volume.file, folder.join("v.nrrd"));
     std::fs::remove_file(&path).unwrap();
     let folder = read_scene(&folder, &[]).unwrap_err().to_string();
-    assert!(folder.contains("cannot read"), "{folder}");
+    assert!(folder.contains("it is a folder; name a file"), "{folder}");
 }
 
 #[test]

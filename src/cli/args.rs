@@ -1,8 +1,20 @@
 //! What the command line may say. The options for a scene's keys come from the library's table of keys.
 
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
-use halflight::scene::keys::KEYS;
+use halflight::scene::keys::{self, KEYS, Key};
 use std::path::PathBuf;
+
+/// What `light` uses of a scene.
+pub const OF_LIGHT: &[&str] = &["light.rotate", "light.scale", "light.bands", "light.window", "image.exposure"];
+
+/// What a visibility field depends on.
+pub const OF_FIELD: &[&str] = &["volume", "transfer", "surface", "visibility"];
+
+/// What a volume alone depends on.
+pub const OF_VOLUME: &[&str] = &["volume"];
+
+/// All of a scene.
+pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "light", "visibility", "camera", "image"];
 
 /// The whole command.
 pub fn command() -> Command {
@@ -26,30 +38,49 @@ pub fn command() -> Command {
             Command::new("info")
                 .about("Describe a volume, a light probe or a scene")
                 .arg(path("file", "FILE", "NRRD, NIfTI or headerless volume, probe (.hdr, .exr), or scene (.toml)").required(true))
-                .args(scene_args(&[])),
+                .args(scene_args(OF_SCENE))
+                .arg(nan_as()),
         )
         .subcommand(
             Command::new("light")
                 .about("Project a light probe to spherical harmonics and print them")
                 .arg(path("probe", "PROBE", "lat-long probe, .hdr or .exr").required(true))
                 .arg(path("out", "FILE", "also draw the probe and, right of it, its projection (.png or .exr)").short('o').long("out"))
-                .args(scene_args(&["light.rotate", "light.scale", "light.bands", "light.window", "image.exposure"])),
+                .args(scene_args(OF_LIGHT)),
         )
         .subcommand(
             Command::new("precompute")
                 .about("Compute a scene's visibility field and write its coefficients")
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
-                .args(scene_args(&[])),
+                .args(scene_args(OF_FIELD))
+                .arg(nan_as()),
         )
         .subcommand(
             Command::new("render")
                 .about("Render a scene")
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
-                .args(scene_args(&[])),
+                .args(scene_args(OF_SCENE))
+                .arg(nan_as()),
         )
         .subcommand(Command::new("devices").about("List the Vulkan devices of this machine"))
+}
+
+/// Whether `key` is one of `used`: tables, or single keys.
+fn is_used(key: &str, used: &[&str]) -> bool {
+    used.iter().any(|u| key == *u || key.split_once('.').is_some_and(|(table, _)| table == *u))
+}
+
+/// Refuses overrides that would change nothing in `work`.
+pub fn check_used(overrides: &[(String, String)], used: &[&str], work: &str) -> Result<(), String> {
+    match overrides.iter().find(|(key, _)| keys::find(key).is_some() && !is_used(key, used)) {
+        None => Ok(()),
+        Some((key, _)) => {
+            let there = if used.is_empty() { "it uses no key of a scene".into() } else { format!("it uses {}", used.join(", ")) };
+            Err(format!("command line: `{key}` changes nothing in {work}; {there}"))
+        }
+    }
 }
 
 /// The overrides of scene keys in the order given: (key, value as TOML).
@@ -103,12 +134,6 @@ fn global() -> Vec<Arg> {
             .value_parser(parse_bytes)
             .help("most device memory to use: 512M, 1.5G")
             .global(true),
-        Arg::new("nan-as")
-            .long("nan-as")
-            .value_name("VALUE")
-            .allow_negative_numbers(true)
-            .help("what NaN and infinite samples are replaced by; without it they are an error")
-            .global(true),
         Arg::new("verbose")
             .short('v')
             .long("verbose")
@@ -116,6 +141,14 @@ fn global() -> Vec<Arg> {
             .help("say more on stderr; twice for still more")
             .global(true),
     ]
+}
+
+fn nan_as() -> Arg {
+    Arg::new("nan-as")
+        .long("nan-as")
+        .value_name("VALUE")
+        .allow_negative_numbers(true)
+        .help("what NaN and infinite samples are replaced by; without it they are an error")
 }
 
 fn path(id: &'static str, name: &'static str, help: &'static str) -> Arg {
@@ -126,32 +159,51 @@ fn scene() -> Arg {
     path("scene", "SCENE", "scene file (.toml), or a volume file to show with default settings").required(true)
 }
 
-/// One option per key (all keys for an empty `only`), and `--set`.
-fn scene_args(only: &[&str]) -> Vec<Arg> {
-    let mut args: Vec<Arg> = KEYS
-        .iter()
-        .filter(|k| only.is_empty() || only.contains(&k.name))
-        .map(|k| {
-            let table = k.name.split('.').next().unwrap_or_default();
-            let default = if k.default.is_empty() { String::new() } else { format!(" [default: {}]", k.default) };
-            Arg::new(k.name)
-                .long(k.name)
-                .value_name(k.value)
-                .help(format!("{}{default}", k.help))
-                .help_heading(heading(table))
-                .hide_short_help(only.is_empty())
-                .action(ArgAction::Append)
-                .allow_negative_numbers(true)
-        })
-        .collect();
-    args.push(
-        Arg::new("set")
-            .long("set")
-            .value_name("KEY=VALUE")
-            .help("override a key of the scene, value as in TOML: --set visibility.ratio=2 (--help lists the keys)")
-            .action(ArgAction::Append),
-    );
-    args
+/// One option per key of `used` (tables or keys), and `--set`. Where they are many, the short help leaves them out.
+fn scene_args(used: &[&str]) -> Vec<Arg> {
+    let keys: Vec<&Key> = KEYS.iter().filter(|k| is_used(k.name, used)).collect();
+    let many = keys.len() > 8;
+    let option = |k: &&Key| {
+        let table = k.name.split('.').next().unwrap_or_default();
+        Arg::new(k.name)
+            .long(k.name)
+            .value_name(value_name(k))
+            .help(key_help(k))
+            .help_heading(heading(table))
+            .hide_short_help(many)
+            .action(ArgAction::Append)
+            .allow_hyphen_values(k.value.starts_with('['))
+            .allow_negative_numbers(!k.value.starts_with('['))
+    };
+    let set = Arg::new("set").long("set").value_name("KEY=VALUE").action(ArgAction::Append).help(if many {
+        "override a key of the scene: --set visibility.ratio=2 (or --visibility.ratio 2); --help lists all keys"
+    } else {
+        "override a key: --set light.scale=2 (or --light.scale 2)"
+    });
+    keys.iter().map(option).chain([set]).collect()
+}
+
+/// What the help shows in angle brackets: lists without their own (clap wants it static).
+fn value_name(key: &Key) -> &'static str {
+    match key.value {
+        "[X, Y, Z]" => "X,Y,Z",
+        "[X, Y, Z, DEGREES]" => "X,Y,Z,DEGREES",
+        "[R, G, B]" => "R,G,B",
+        "[R, G, B]|light" => "R,G,B|light",
+        "[LOW, HIGH]" => "LOW,HIGH",
+        "[[S, R, G, B, A], …]" => "POINTS",
+        other => other,
+    }
+}
+
+/// The key's meaning and default.
+fn key_help(key: &Key) -> String {
+    let form = if key.value.starts_with("[[") { format!(": {}", key.value) } else { String::new() };
+    let bare = key.default.strip_prefix('[').and_then(|d| d.strip_suffix(']')).map(|d| d.replace(' ', ""));
+    match bare.as_deref().unwrap_or(key.default) {
+        "" => format!("{}{form}", key.help),
+        default => format!("{}{form} (default: {default})", key.help),
+    }
 }
 
 /// The table's heading in the help; clap wants it static.
@@ -204,6 +256,36 @@ mod tests {
         for text in ["", "0", "-1", "G", "1X", "1.2.3G", "1e3", "99999999T"] {
             assert!(parse_bytes(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn help_of_a_key_reads_well() {
+        let shown = |name| {
+            let k = keys::find(name).unwrap();
+            format!("<{}> {}", value_name(k), key_help(k))
+        };
+        assert_eq!(shown("camera.up"), "<X,Y,Z> direction that is up in the picture (default: 0,0,1)");
+        assert_eq!(shown("image.width"), "<PIXELS> pixels per row (default: 1024)");
+        assert!(shown("volume.file").ends_with("relative to the scene file"));
+        assert!(
+            shown("transfer.points").contains("<POINTS>") && shown("transfer.points").contains("[[S, R, G, B, A], …] (default: a grey")
+        );
+        for k in KEYS {
+            assert!(!value_name(k).contains(['[', ']', ' ']) && !key_help(k).contains("[default"), "{}", k.name);
+        }
+    }
+
+    #[test]
+    fn keys_that_change_nothing_are_refused() {
+        let given = |key: &str| vec![(key.to_string(), "1".to_string())];
+        assert!(check_used(&given("light.scale"), OF_LIGHT, "`light`").is_ok());
+        assert!(check_used(&given("visibility.ratio"), OF_FIELD, "`precompute`").is_ok());
+        let refused = check_used(&given("visibility.ratio"), OF_LIGHT, "`light`").unwrap_err();
+        assert!(refused.starts_with("command line: `visibility.ratio` changes nothing in `light`; it uses light.rotate"), "{refused}");
+        // Unknown keys are for the scene's reader to refuse.
+        assert!(check_used(&given("light.scales"), OF_LIGHT, "`light`").is_ok());
+        let tables: Vec<&str> = keys::tables();
+        assert_eq!(tables, OF_SCENE);
     }
 
     #[test]

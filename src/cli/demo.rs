@@ -2,23 +2,22 @@
 
 use super::Context;
 use super::fail::Failure;
-use super::output::{Kind, Output, check_folder};
+use super::output::{Folder, Kind, Output};
 use super::path_of;
 use super::progress::Progress;
 use clap::ArgMatches;
+use halflight::demo;
 use halflight::scene::scene::fill_background;
 use halflight::scene::{ImageSettings, Light, Probe};
-use halflight::{Error, demo};
 use serde_json::json;
 
 /// `halflight demo [-o DIR] [--quick]`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let folder = path_of(m, "out")?;
-    std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), action: "make this folder", source })?;
-    check_folder(folder)?;
     let quick = m.get_flag("quick");
     let engine = context.engine()?;
+    let _made = Folder::make(folder)?;
     report.device(&engine);
     report.flush()?;
 
@@ -45,7 +44,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         for (extension, kind) in [("png", Kind::Png), ("exr", Kind::Exr)] {
             let output = Output { path: folder.join(format!("{name}.{extension}")), kind };
             output.write(&picture, exposure, &[("scene".into(), name.into())])?;
-            report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
+            report.wrote(&output.path);
             written.push(output.path.display().to_string());
         }
         report.flush()?;

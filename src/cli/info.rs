@@ -1,20 +1,17 @@
 //! `info`: what a file holds.
 
 use super::Context;
-use super::args::overrides;
+use super::args::{OF_VOLUME, check_used, overrides};
 use super::fail::Failure;
 use super::load;
 use super::path_of;
 use super::report::Report;
 use clap::ArgMatches;
-use halflight::Error;
 use halflight::engine::precompute_memory;
 use halflight::error::bytes;
 use halflight::io;
 use halflight::scene::{Probe, Scene, Volume};
 use serde_json::{Value, json};
-use std::io::Read;
-use std::path::Path;
 
 /// `halflight info FILE`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
@@ -27,23 +24,17 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         report.set("kind", json!("scene"));
         volume(&mut report, &scene, &loaded.volume)?;
         about_scene(&mut report, &scene, &loaded);
-    } else if is_probe(path)? {
+    } else if io::is_probe(path)? {
+        check_used(&overrides, &[], "the description of a probe").map_err(Failure::usage)?;
         report.set("kind", json!("probe"));
         probe(&mut report, &io::read_probe(path)?);
     } else {
+        check_used(&overrides, OF_VOLUME, "the description of a volume").map_err(Failure::usage)?;
         let scene = load::scene(path, &overrides)?;
         report.set("kind", json!("volume"));
         volume(&mut report, &scene, &load::volume(&scene)?)?;
     }
     report.finish()
-}
-
-/// Probes by their first bytes: `.hdr` is also an old volume header's extension.
-fn is_probe(path: &Path) -> Result<bool, Failure> {
-    let fail = |action| move |source| Error::Io { path: path.to_owned(), action, source };
-    let mut start = Vec::new();
-    std::fs::File::open(path).map_err(fail("open"))?.take(4).read_to_end(&mut start).map_err(fail("read"))?;
-    Ok(start.starts_with(b"#?") || start == [0x76, 0x2f, 0x31, 0x01])
 }
 
 fn volume(report: &mut Report, scene: &Scene, volume: &Volume) -> Result<(), Failure> {

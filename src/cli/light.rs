@@ -1,7 +1,7 @@
 //! `light`: a probe as spherical harmonics.
 
 use super::Context;
-use super::args::overrides;
+use super::args::{OF_LIGHT, check_used, overrides};
 use super::fail::Failure;
 use super::output::{Output, PICTURES};
 use super::path_of;
@@ -22,6 +22,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let path = path_of(m, "probe")?;
     let given = overrides(m).map_err(Failure::usage)?;
+    check_used(&given, OF_LIGHT, "`light`").map_err(Failure::usage)?;
     let mut pairs: Vec<(&str, &str)> = given.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
     let source = path.display().to_string();
     pairs.push(("light.probe", &source));
@@ -64,7 +65,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     report.set("radiance", axes.into());
     if let Some(output) = output {
         output.write(&side_by_side(&scene, &probe, &light), scene.image.exposure, &[("probe".into(), source.clone())])?;
-        report.line("wrote", output.path.display().to_string());
+        report.wrote(&output.path);
         report.set("output", json!(output.path.display().to_string()));
     }
     report.finish()

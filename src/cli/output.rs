@@ -2,6 +2,7 @@
 
 use super::fail::Failure;
 use halflight::Error;
+use halflight::error::shown;
 use halflight::io;
 use halflight::scene::Picture;
 use std::path::{Path, PathBuf};
@@ -27,20 +28,25 @@ impl Output {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         let Some((_, kind)) = kinds.iter().find(|(name, _)| *name == extension) else {
             let names: Vec<String> = kinds.iter().map(|(name, _)| format!(".{name}")).collect();
-            return Err(Failure::usage(format!("{}: its extension must be {}", path.display(), names.join(" or "))));
+            return Err(Failure::usage(format!("{}: its extension must be {}", shown(path), names.join(" or "))));
         };
-        if path.is_dir() {
-            return Err(Failure::usage(format!("{}: is a folder; name a file", path.display())));
+        // "o.png/" is the name of a folder, whether or not there is one; `Path` itself looks past the slash.
+        let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+        if path.is_dir() || !path.as_os_str().as_encoded_bytes().ends_with(name) {
+            return Err(Failure::usage(format!("{}: is a folder; name a file", shown(path))));
         }
-        check_folder(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
+        let target = io::write_target(path)?;
+        if target.metadata().is_ok_and(|m| !m.is_file()) {
+            return Err(Failure::usage(format!("{}: is a pipe or a device; name a regular file", shown(path))));
+        }
+        check_folder(target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
         Ok(Self { path: path.to_owned(), kind: *kind })
     }
 
     /// Refuses to overwrite what the command reads.
     pub fn is_none_of(&self, inputs: &[&Path]) -> Result<(), Failure> {
-        let same = |input: &Path| matches!((input.canonicalize(), self.path.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        if inputs.iter().any(|i| same(i)) {
-            return Err(Failure::usage(format!("{}: is an input of this command; name another output", self.path.display())));
+        if inputs.iter().any(|input| same_file(input, &self.path)) {
+            return Err(Failure::usage(format!("{}: is an input of this command; name another output", shown(&self.path))));
         }
         Ok(())
     }
@@ -52,6 +58,42 @@ impl Output {
             _ => io::write_png(&self.path, picture, exposure as f32, meta)?,
         }
         Ok(())
+    }
+}
+
+/// Whether two paths lead to one file, through links of either kind.
+fn same_file(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        matches!((a.metadata(), b.metadata()), (Ok(a), Ok(b)) if (a.dev(), a.ino()) == (b.dev(), b.ino()))
+    }
+    #[cfg(not(unix))]
+    {
+        matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+    }
+}
+
+/// A folder that is made where it is missing; made in vain, it goes again.
+pub struct Folder(Vec<PathBuf>);
+
+impl Folder {
+    /// Makes `path` and what is missing above it, and checks that files can be made there.
+    pub fn make(path: &Path) -> Result<Self, Failure> {
+        let missing = path.ancestors().filter(|p| !p.as_os_str().is_empty() && !p.exists()).map(Path::to_owned).collect();
+        let made = Self(missing);
+        std::fs::create_dir_all(path).map_err(|source| Error::Io { path: path.to_owned(), action: "make this folder", source })?;
+        check_folder(path)?;
+        Ok(made)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // Only empty folders can be removed this way: where a file was written, all stay.
+        for folder in &self.0 {
+            let _ = std::fs::remove_dir(folder);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! `precompute` and `render`: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::overrides;
+use super::args::{OF_FIELD, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
@@ -12,7 +12,7 @@ use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, Span, precompute_memory};
 use halflight::error::bytes;
 use halflight::io;
-use halflight::scene::scene::{Background, LightSource, fill_background};
+use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
 use halflight::scene::{Picture, Samples, Scene};
 use serde_json::json;
 use std::path::Path;
@@ -20,7 +20,7 @@ use std::path::Path;
 /// `halflight precompute SCENE -o FIELD.nrrd`
 pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
-    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)])?;
+    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
     let (_, field) = visibility(&engine, &scene, &loaded, 0, &mut report)?;
@@ -34,7 +34,7 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
-    let (scene, output) = asked(m, PICTURES)?;
+    let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
     let (medium, field) = visibility(&engine, &scene, &loaded, picture_memory(&scene, &loaded), &mut report)?;
@@ -62,14 +62,18 @@ fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String
 }
 
 /// The scene and the checked output of a command line.
-fn asked(m: &ArgMatches, kinds: &[(&str, Kind)]) -> Result<(Scene, Output), Failure> {
+fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
+    check_used(&overrides, used, "a visibility field").map_err(Failure::usage)?;
     let output = Output::check(path_of(m, "out")?, kinds)?;
     let scene = load::scene(path, &overrides)?;
     let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
     if let LightSource::Probe(probe) = &scene.light.source {
         inputs.push(probe);
+    }
+    if let TransferSource::File { path, .. } = &scene.transfer {
+        inputs.push(path);
     }
     output.is_none_of(&inputs)?;
     Ok((scene, output))
@@ -127,7 +131,7 @@ fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(
 
 fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
     report.work(engine, spans);
-    report.line("wrote", format!("{} after {:.1} s", output.path.display(), report.seconds()));
+    report.wrote(&output.path);
     report.set("output", json!(output.path.display().to_string()));
     context.verdict(engine)?;
     report.finish()

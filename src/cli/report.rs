@@ -2,9 +2,10 @@
 
 use super::fail::Failure;
 use halflight::engine::{Engine, Span};
-use halflight::error::bytes;
+use halflight::error::{bytes, shown};
 use serde_json::{Map, Value, json};
 use std::io::Write;
+use std::path::Path;
 use std::time::Instant;
 
 /// Collects what a command has to say; both forms side by side.
@@ -13,12 +14,13 @@ pub struct Report {
     start: Instant,
     lines: Vec<String>,
     object: Map<String, Value>,
+    written: Vec<String>,
 }
 
 impl Report {
     /// A report of a command that starts now.
     pub fn new(json: bool) -> Self {
-        Self { json, start: Instant::now(), lines: Vec::new(), object: Map::new() }
+        Self { json, start: Instant::now(), lines: Vec::new(), object: Map::new(), written: Vec::new() }
     }
 
     /// A line for people: what, and its value.
@@ -29,6 +31,12 @@ impl Report {
     /// A line as it stands.
     pub fn text(&mut self, line: impl Into<String>) {
         self.lines.push(line.into());
+    }
+
+    /// Notes that an output file stands, whatever comes after.
+    pub fn wrote(&mut self, path: &Path) {
+        self.line("wrote", format!("{} after {:.1} s", path.display(), self.start.elapsed().as_secs_f64()));
+        self.written.push(shown(path));
     }
 
     /// A member of the JSON object.
@@ -42,7 +50,7 @@ impl Report {
             return Ok(());
         }
         let lines: Vec<String> = self.lines.drain(..).collect();
-        lines.iter().try_for_each(|line| say(line))
+        lines.iter().try_for_each(|line| say(line)).map_err(|f| self.with_written(f))
     }
 
     /// The device, and what it may use.
@@ -75,14 +83,18 @@ impl Report {
         let seconds = self.start.elapsed().as_secs_f64();
         self.set("seconds", json!(seconds));
         if self.json {
-            return say(&Value::Object(self.object).to_string());
+            let object = Value::Object(std::mem::take(&mut self.object));
+            return say(&object.to_string()).map_err(|f| self.with_written(f));
         }
         self.flush()
     }
 
-    /// Seconds since the command began.
-    pub fn seconds(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
+    /// A failure to say something is no failure of the files.
+    fn with_written(&self, mut failure: Failure) -> Failure {
+        if !self.written.is_empty() {
+            failure.sentence += &format!("; {} was written all the same", self.written.join(" and "));
+        }
+        failure
     }
 }
 

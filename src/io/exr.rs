@@ -1,5 +1,6 @@
 //! OpenEXR: pictures out, pictures and probes in.
 
+use super::limits::open;
 use super::write_aside;
 use crate::error::{Error, Result};
 use crate::scene::Picture;
@@ -9,8 +10,7 @@ use exr::meta::header::Header;
 use exr::prelude::{
     AttributeValue, Encoding, Image, Layer, LayerAttributes, ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage, read,
 };
-use std::fs::File;
-use std::io::{BufRead, BufReader, Seek};
+use std::io::{BufRead, Seek};
 use std::path::Path;
 
 /// The first four bytes of an OpenEXR file.
@@ -73,7 +73,7 @@ pub(super) fn check(picture: &Picture) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged, of another kind, or too large.
 pub fn read_picture_exr(path: &Path) -> Result<Picture> {
-    let mut file = open(path)?;
+    let (mut file, _) = open(path)?;
     let too_large = |w: usize, h: usize| {
         let good = w <= MAX_SIDE && h <= MAX_SIDE && w * h <= MAX_PIXELS;
         (!good).then(|| format!("at most {MAX_SIDE} a side and {MAX_PIXELS} pixels are read"))
@@ -211,11 +211,6 @@ impl<const N: usize> Grid<N> {
         }
         Ok((width, height, self.pixels))
     }
-}
-
-fn open(path: &Path) -> Result<BufReader<File>> {
-    let file = File::open(path).map_err(|source| Error::Io { path: path.to_owned(), action: "open", source })?;
-    Ok(BufReader::with_capacity(1 << 16, file))
 }
 
 fn trouble(path: &Path, action: &'static str, error: exr::error::Error) -> Error {

@@ -1,7 +1,7 @@
 //! What every reader keeps to: claimed sizes are checked before they are believed, memory grows with the data that are
 //! really there, and the text of a file enters an error message only clamped and escaped.
 
-use crate::error::{Error, Result, bytes};
+use crate::error::{Error, Result, bytes, escaped, shown};
 use crate::scene::Grid;
 use flate2::bufread::GzDecoder;
 use glam::DAffine3;
@@ -18,7 +18,7 @@ const DEFLATE_RATIO: u64 = 1032;
 /// A file's text as an error quotes it: control characters escaped, at most 200 characters.
 pub(crate) fn quote(text: &str) -> String {
     let mut out = String::new();
-    for (i, c) in text.chars().flat_map(Escaped::new).enumerate() {
+    for (i, c) in escaped(text).enumerate() {
         if i >= QUOTED {
             out.push('…');
             break;
@@ -26,30 +26,6 @@ pub(crate) fn quote(text: &str) -> String {
         out.push(c);
     }
     out
-}
-
-/// One character, escaped when it could disturb a terminal.
-enum Escaped {
-    Plain(std::option::IntoIter<char>),
-    Code(std::char::EscapeDefault),
-}
-
-impl Escaped {
-    fn new(c: char) -> Self {
-        // Beside the control characters, those that reorder or hide text.
-        let hidden = matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}');
-        if c.is_control() || hidden { Escaped::Code(c.escape_default()) } else { Escaped::Plain(Some(c).into_iter()) }
-    }
-}
-
-impl Iterator for Escaped {
-    type Item = char;
-    fn next(&mut self) -> Option<char> {
-        match self {
-            Escaped::Plain(i) => i.next(),
-            Escaped::Code(i) => i.next(),
-        }
-    }
 }
 
 /// An [`Error::Format`].
@@ -79,8 +55,10 @@ pub(crate) fn grid(path: &Path, dims: [usize; 3], voxel_to_world: DAffine3) -> R
 pub(crate) fn open(path: &Path) -> Result<(BufReader<File>, u64)> {
     let before = std::fs::metadata(path).map_err(|e| io(path, "open", e))?;
     if !before.is_file() {
-        let what = if before.is_dir() { "it is a folder" } else { "it is a pipe or a device" };
-        return Err(bad(path, what, "a regular file is needed"));
+        return Err(match before.is_dir() {
+            true => bad(path, "it is a folder", "name a file"),
+            false => bad(path, "it is a pipe or a device", "a regular file is needed: save its data to one first"),
+        });
     }
     let file = File::open(path).map_err(|e| io(path, "open", e))?;
     let length = file.metadata().map_err(|e| io(path, "open", e))?.len();
@@ -158,7 +136,7 @@ impl Source {
         match self.read(&mut byte) {
             Ok(n) => {
                 if n > 0 || matches!(&mut self, Source::Gzip(g, _) if g.junk) {
-                    log::warn!("{}: bytes follow the samples; they are not read", path.display());
+                    log::warn!("{}: bytes follow the samples; they are not read", shown(path));
                 }
                 Ok(())
             }
@@ -236,7 +214,11 @@ impl Read for Gunzip {
 /// Refuses `count` samples of `each` bytes in memory beyond `cap`; returns the count as a length.
 pub(crate) fn check_cap(path: &Path, what: &str, count: u64, each: u64, cap: u64) -> Result<usize> {
     let refuse = |size: String| {
-        Err(bad(path, format!("{what} need {size} of memory"), format!("the limit is {} (ReadOptions::max_bytes)", bytes(cap))))
+        Err(bad(
+            path,
+            format!("{what} need {size} of memory"),
+            format!("the limit is {}: make the volume smaller, by cropping or resampling it", bytes(cap)),
+        ))
     };
     match count.checked_mul(each) {
         None => refuse("more than 16 EiB".into()),

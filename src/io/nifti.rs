@@ -72,7 +72,7 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, gzip: bool, 
     if let Some(v) = stored.filter(|v| !v.is_finite()) {
         return Err(bad(
             path,
-            format!("nan_as becomes {v} with slope {slope} and intercept {intercept}"),
+            format!("volume.nan_as becomes {v} with slope {slope} and intercept {intercept}"),
             "it must be finite as a stored sample",
         ));
     }
@@ -158,7 +158,7 @@ fn kind(path: &Path, h: &Bytes) -> Result<SampleType> {
         _ => return refused("of an unknown type"),
     };
     if i64::from(h.i16(72)) != kind.bytes() as i64 * 8 {
-        log::warn!("{}: bitpix is {}, the datatype is {}; the datatype holds", path.display(), h.i16(72), kind.name());
+        log::warn!("{}: bitpix is {}, the datatype is {}; the datatype holds", crate::error::shown(path), h.i16(72), kind.name());
     }
     Ok(kind)
 }
@@ -179,7 +179,7 @@ fn rescale(path: &Path, h: &Bytes) -> Result<(f32, f32)> {
 fn offset(path: &Path, h: &Bytes, single: bool) -> Result<u64> {
     let offset = h.f32(108);
     if single && (0.0..352.0).contains(&offset) {
-        log::warn!("{}: vox_offset is {offset}; samples are taken from byte 352 on, the first that is possible", path.display());
+        log::warn!("{}: vox_offset is {offset}; samples are taken from byte 352 on, the first that is possible", crate::error::shown(path));
         return Ok(352);
     }
     // Up to here every whole number is a float32 (below) or at least meant (above 2^24).

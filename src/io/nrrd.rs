@@ -159,12 +159,19 @@ fn beside(path: &Path, name: &str, allow_outside: bool) -> Result<PathBuf> {
     };
     let data = folder.join(name);
     let outside = || {
-        let right = "it must lie in the header's folder (ReadOptions::allow_outside, --allow-outside, lifts this)";
+        let right = "it must lie in the header's folder: move it there, or the header to it";
         Err(bad(path, format!("its data file '{}' lies elsewhere", quote(name)), right))
     };
     if !allow_outside {
         if !Path::new(name).components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir)) {
             return outside();
+        }
+        if std::fs::metadata(&data).is_err_and(|e| e.kind() == std::io::ErrorKind::NotFound) {
+            return Err(bad(
+                path,
+                format!("its data file '{}' is not there", quote(name)),
+                "a detached header needs its data file beside it",
+            ));
         }
         // A link may lead out, too.
         let real = |p: &Path| p.canonicalize().map_err(|e| io(p, "open", e));

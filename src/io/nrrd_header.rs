@@ -143,7 +143,7 @@ impl Lines<'_> {
         } else if let Some((key, value)) = text.split_once(":=") {
             self.meta.push((unescape(key), unescape(value)));
         } else if let Some((name, _)) = text.split_once(": ") {
-            log::debug!("{}: line {number}: field '{}' is not known, and ignored", self.path.display(), quote(name));
+            log::debug!("{}: line {number}: field '{}' is not known, and ignored", crate::error::shown(self.path), quote(name));
         } else {
             let right = "header lines are 'field: value', 'key:=value' or '# comment', and an empty line ends them";
             return Err(bad(self.path, format!("line {number} is '{}'", quote(text)), right));
@@ -208,10 +208,13 @@ impl Lines<'_> {
             },
         };
         if let Some(space) = self.text("space") {
-            log::debug!("{}: coordinates are in the file's space '{}'", self.path.display(), quote(space));
+            log::debug!("{}: coordinates are in the file's space '{}'", crate::error::shown(self.path), quote(space));
         }
         if directions.is_none() && (self.text("axis mins").is_some() || self.text("axis maxs").is_some()) {
-            log::warn!("{}: axis mins and axis maxs are ignored; spacings or space directions place a volume", self.path.display());
+            log::warn!(
+                "{}: axis mins and axis maxs are ignored; spacings or space directions place a volume",
+                crate::error::shown(self.path)
+            );
         }
         let encoding = self.encoding()?;
         let big_endian = match self.text("endian").map(str::to_ascii_lowercase).as_deref() {

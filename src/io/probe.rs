@@ -1,12 +1,26 @@
 //! Light probes: lat-long pictures in Radiance (.hdr) or OpenEXR (.exr), told apart by their first bytes.
 
+use super::limits::open;
 use super::{exr, hdr};
 use crate::error::{Error, Result};
 use crate::scene::Probe;
 use crate::scene::light::{bad_pixels, bad_shape};
-use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{Read, Seek};
 use std::path::Path;
+
+/// The first two bytes of a Radiance picture.
+const RADIANCE: &[u8] = b"#?";
+
+/// Whether a file is a picture that [`read_probe`] knows, by its first bytes: `.hdr` is also the extension of old volume
+/// headers.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read, [`Error::Format`] when it is no regular file.
+pub fn is_probe(path: &Path) -> Result<bool> {
+    let mut magic = Vec::new();
+    open(path)?.0.take(4).read_to_end(&mut magic).map_err(|source| Error::Io { path: path.to_owned(), action: "read", source })?;
+    Ok(magic == exr::MAGIC || magic.starts_with(RADIANCE))
+}
 
 /// Reads a lat-long probe of linear RGB radiance. OpenEXR: the first layer with R, G and B (half, float or uint), else the
 /// first with Y alone, as grey; alpha is ignored.
@@ -17,13 +31,13 @@ use std::path::Path;
 pub fn read_probe(path: &Path) -> Result<Probe> {
     let failed = |action| move |source| Error::Io { path: path.to_owned(), action, source };
     let wrong = |what: String, right: String| Error::Format { path: path.to_owned(), what, right };
-    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(failed("open"))?);
+    let (mut file, _) = open(path)?;
     let mut magic = Vec::new();
     file.by_ref().take(4).read_to_end(&mut magic).map_err(failed("read"))?;
     file.rewind().map_err(failed("read"))?;
     let (width, height, pixels) = if magic == exr::MAGIC {
         exr::read_rgb(path, file, bad_shape)?
-    } else if magic.starts_with(b"#?") {
+    } else if magic.starts_with(RADIANCE) {
         hdr::decode(file, bad_shape).map_err(|trouble| match trouble {
             hdr::Trouble::Io(source) => failed("read")(source),
             hdr::Trouble::Format(what, right) => wrong(what, right),

@@ -144,14 +144,18 @@ impl NotFinite {
         let [nx, ny, _] = layout.dims;
         let place = format!("({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / nx / ny);
         if let Some(v) = self.replace {
-            log::warn!("{}: {} samples are not finite, the first at voxel {place}; {v} stands for them", path.display(), self.count);
+            log::warn!(
+                "{}: {} samples are not finite, the first at voxel {place}; {v} stands for them",
+                crate::error::shown(path),
+                self.count
+            );
             return Ok(());
         }
         let beyond = if value.is_finite() { ", beyond the range of float32" } else { "" };
         Err(bad(
             path,
             format!("{} of the samples are not finite, the first at voxel {place}: {value}{beyond}", self.count),
-            "all must be finite (ReadOptions::nan_as, --nan-as VALUE on the command line, puts a value in their place)",
+            "all must be finite; --nan-as VALUE (volume.nan_as in a scene) puts a value in their place",
         ))
     }
 }

@@ -1,7 +1,8 @@
 //! Scenes from TOML. The keys are those of `scene::keys`; an unknown one is an error that names it and its place.
 
+use super::limits::open;
 use super::settings::{COMMAND_LINE, Settings};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
 use crate::scene::camera::{CameraSettings, Space};
 use crate::scene::scene::{
     Background, ImageSettings, LightSettings, LightSource, MAX_SIDE, RawSettings, SAMPLE_TYPES, Scene, Shading, Surface, TransferSource,
@@ -25,17 +26,16 @@ const MAX_SCENE: u64 = 16 << 20;
 /// [`Error::Io`] and [`Error::Format`] for a file that cannot be read as TOML, [`Error::Scene`] for a key that is unknown,
 /// missing, or has an unusable value.
 pub fn read_scene(path: &Path, overrides: &Overrides) -> Result<Scene> {
-    let fail = |action| move |source| Error::Io { path: path.to_owned(), action, source };
     let format = |what: String, right: &str| Error::Format { path: path.to_owned(), what, right: right.into() };
-    let file = std::fs::File::open(path).map_err(fail("open"))?;
+    let (file, _) = open(path)?;
     let mut bytes = Vec::new();
-    file.take(MAX_SCENE + 1).read_to_end(&mut bytes).map_err(fail("read"))?;
+    file.take(MAX_SCENE + 1).read_to_end(&mut bytes).map_err(|source| Error::Io { path: path.to_owned(), action: "read", source })?;
     if bytes.len() as u64 > MAX_SCENE {
         return Err(format("it is larger than 16 MiB".into(), "a scene is a short TOML text"));
     }
     let text = String::from_utf8(bytes)
         .map_err(|e| format(format!("byte {} is not UTF-8", e.utf8_error().valid_up_to()), "a scene is a TOML text"))?;
-    parse_scene(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")), overrides)
+    parse_scene(&text, &shown(path), path.parent().unwrap_or(Path::new("")), overrides)
 }
 
 /// The scene of a volume file alone, with overrides.

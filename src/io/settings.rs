@@ -15,6 +15,8 @@ pub const COMMAND_LINE: &str = "command line";
 pub(super) struct Settings {
     pub origins: Origins,
     values: BTreeMap<String, Value>,
+    /// Overrides as they were written.
+    written: BTreeMap<String, String>,
     /// Tables that the file opens, even empty ones.
     tables: Vec<String>,
     /// What the file's relative paths are relative to.
@@ -25,19 +27,20 @@ impl Settings {
     /// No settings yet; a missing key is reported at `scene`.
     pub fn new(scene: String, folder: &Path) -> Self {
         let origins = Origins { scene, keys: BTreeMap::new() };
-        Self { origins, values: BTreeMap::new(), tables: Vec::new(), folder: folder.to_owned() }
+        Self { origins, values: BTreeMap::new(), written: BTreeMap::new(), tables: Vec::new(), folder: folder.to_owned() }
     }
 
     /// Takes the settings of a scene's text.
     pub fn read(&mut self, text: &str) -> Result<()> {
         let path = PathBuf::from(&self.origins.scene);
-        let syntax = |e: toml::de::Error| Error::Format {
-            path: path.clone(),
-            what: match e.span() {
-                Some(span) => format!("line {}: {}", line_of(text, span.start), clamp(e.message())),
-                None => clamp(e.message()),
-            },
-            right: "a scene is TOML: [table], then key = value lines".into(),
+        let syntax = |e: toml::de::Error| {
+            let place = e.span().map_or_else(String::new, |span| format!("line {}: ", line_of(text, span.start)));
+            let twice = e.span().and_then(|span| text.get(span)).filter(|_| e.message() == "duplicate key");
+            let (what, right) = match twice {
+                Some(key) => (format!("`{}` is given a second time", clamp(key)), "give each key, and each table, once"),
+                None => (clamp(e.message()), "a scene is TOML: [table], then key = value lines"),
+            };
+            Error::Format { path: path.clone(), what: place + &what, right: right.into() }
         };
         let spans = DeTable::parse(text).map_err(syntax)?;
         let values: toml::Table = toml::from_str(text).map_err(syntax)?;
@@ -45,7 +48,8 @@ impl Settings {
             let origin = |start| format!("{} line {}", self.origins.scene, line_of(text, start));
             let name: &str = table.get_ref();
             if !keys::tables().contains(&name) {
-                return Err(unknown(origin(table.span().start), name));
+                let heads = content.get_ref().as_table().is_some();
+                return Err(unknown(origin(table.span().start), name, heads));
             }
             let (Some(keys), Some(Value::Table(found))) = (content.get_ref().as_table(), values.get(name)) else {
                 let right = format!("write [{name}] and its keys below");
@@ -56,7 +60,7 @@ impl Settings {
                 let dotted = format!("{name}.{}", key.get_ref());
                 let origin = format!("{} line {}", self.origins.scene, line_of(text, key.span().start));
                 if keys::find(&dotted).is_none() {
-                    return Err(unknown(origin, &dotted));
+                    return Err(unknown(origin, &dotted, false));
                 }
                 if let Some(value) = found.get(key.get_ref().as_ref()) {
                     self.origins.keys.insert(dotted.clone(), origin);
@@ -67,13 +71,17 @@ impl Settings {
         Ok(())
     }
 
-    /// Takes an override; its value is TOML, and text that is not is taken as a string.
+    /// Takes an override; its value is TOML, where numbers may begin or end with their point and a list may lack its
+    /// brackets. Text that is none of this is taken as a string.
     pub fn set(&mut self, key: &str, text: &str) -> Result<()> {
-        if keys::find(key).is_none() {
-            return Err(unknown(COMMAND_LINE.into(), key));
-        }
-        let value = text.parse::<Value>().unwrap_or_else(|_| Value::String(text.into()));
-        self.values.insert(key.into(), value);
+        let Some(known) = keys::find(key) else { return Err(unknown(COMMAND_LINE.into(), key, false)) };
+        let parse = |t: &str| t.parse::<Value>().ok();
+        let value = parse(text).or_else(|| {
+            let text = whole_points(text);
+            parse(&text).or_else(|| known.value.starts_with('[').then(|| parse(&format!("[{text}]"))).flatten())
+        });
+        self.values.insert(key.into(), value.unwrap_or_else(|| Value::String(text.into())));
+        self.written.insert(key.into(), text.into());
         self.origins.keys.insert(key.into(), COMMAND_LINE.into());
         Ok(())
     }
@@ -101,6 +109,7 @@ impl Settings {
         };
         for key in loser {
             self.values.remove(*key);
+            self.written.remove(*key);
             self.origins.keys.remove(*key);
         }
         Ok(())
@@ -111,7 +120,11 @@ impl Settings {
     }
 
     fn wrong<T>(&self, key: &str, right: &str) -> Result<T> {
-        let shown = self.values.get(key).map_or_else(String::new, |v| clamp(&v.to_string()));
+        let shown = match (self.written.get(key), self.values.get(key)) {
+            (Some(text), _) if text.is_empty() => "empty".into(),
+            (Some(text), _) => clamp(text),
+            (None, value) => value.map_or_else(String::new, |v| clamp(&v.to_string())),
+        };
         Err(self.origins.error(key, format!("is {shown}"), right))
     }
 
@@ -164,15 +177,16 @@ impl Settings {
         self.wrong(key, &format!("it must be {}", names.join(" or ")))
     }
 
-    /// Text that is not empty. An override's number is taken as the text it was.
+    /// Text that is not empty. An override that looks like something else is taken as it was written.
     pub fn text(&self, key: &str) -> Result<Option<String>> {
-        match self.values.get(key) {
-            None => Ok(None),
-            Some(Value::String(s)) if !s.is_empty() && !s.contains('\0') => Ok(Some(s.clone())),
-            Some(v @ (Value::Integer(_) | Value::Float(_) | Value::Boolean(_))) if self.origins.of(key) == COMMAND_LINE => {
-                Ok(Some(v.to_string()))
-            }
-            Some(_) => self.wrong(key, "it must be a text in quotes"),
+        let text = match (self.values.get(key), self.written.get(key)) {
+            (None, _) => return Ok(None),
+            (Some(Value::String(s)), _) => Some(s),
+            (Some(_), written) => written,
+        };
+        match text.filter(|t| !t.is_empty() && !t.contains('\0')) {
+            Some(text) => Ok(Some(text.clone())),
+            None => self.wrong(key, "it must be a text in quotes"),
         }
     }
 
@@ -200,13 +214,43 @@ fn line_of(text: &str, offset: usize) -> usize {
     1 + text.bytes().take(offset).filter(|&b| b == b'\n').count()
 }
 
-/// The error of an unknown table or key, with what there is.
-fn unknown(origin: String, name: &str) -> Error {
+/// Numbers with a digit on both sides of their point, as TOML wants it: ".9" becomes "0.9" and "9." becomes "9.0".
+fn whole_points(text: &str) -> String {
+    let mut out = String::with_capacity(text.len() + 8);
+    let mut quote = None;
+    let mut chars = text.chars().peekable();
+    while let Some(c) = chars.next() {
+        match quote {
+            Some(q) if q == c => quote = None,
+            None if matches!(c, '"' | '\'') => quote = Some(c),
+            _ => {}
+        }
+        let (before, after) = (out.chars().next_back(), chars.peek());
+        let digit = |c: Option<&char>| c.is_some_and(char::is_ascii_digit);
+        let alone = c == '.' && quote.is_none();
+        if alone && digit(after) && !before.is_some_and(|b| b.is_alphanumeric() || matches!(b, '.' | '_')) {
+            out.push('0');
+        }
+        out.push(c);
+        if alone && digit(before.as_ref()) && !digit(after) {
+            out.push('0');
+        }
+    }
+    out
+}
+
+/// The error of an unknown table (`heads` a table: `[name]`) or key, with what there is.
+fn unknown(origin: String, name: &str, heads: bool) -> Error {
     let tables = keys::tables();
     let table = name.split_once('.').map(|(t, _)| t).filter(|t| tables.contains(t));
-    let near = match name.contains('.') || table.is_some() {
-        true => keys::nearest(name, keys::KEYS.iter().map(|k| k.name)),
-        false => keys::nearest(name, tables.iter().copied().chain(keys::KEYS.iter().filter_map(|k| k.name.split('.').nth(1)))),
+    let all = || keys::KEYS.iter().map(|k| k.name);
+    let near = match heads {
+        true => keys::nearest(name, tables.iter().copied()).map(|t| format!("[{t}]")),
+        false if name.contains('.') => keys::nearest(name, all()).map(str::to_owned),
+        // A key that lacks its table.
+        false => keys::nearest(name, all().filter_map(|k| k.split('.').nth(1)))
+            .and_then(|near| all().find(|k| k.split('.').nth(1) == Some(near)))
+            .map(str::to_owned),
     };
     let there = match table {
         Some(t) => format!("[{t}] has {}", keys::keys_of(t).join(", ")),

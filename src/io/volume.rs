@@ -129,6 +129,6 @@ fn unknown(path: &Path, head: &[u8], extension: &str) -> Error {
     bad(
         path,
         what,
-        "NRRD (.nrrd, .nhdr) and NIfTI-1 (.nii, .nii.gz, .hdr) are read, headerless samples with their dims and type (--dims, --type)",
+        "NRRD (.nrrd, .nhdr) and NIfTI-1 (.nii, .nii.gz, .hdr) are read, headerless samples where --volume.dims and --volume.type say what they are",
     )
 }

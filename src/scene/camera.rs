@@ -97,7 +97,13 @@ impl Camera {
         let target = settings.target.map_or(centre, to_world);
         let position = settings.position.map_or_else(|| target + framing_offset(grid, settings.fov_degrees, aspect), to_world);
         let camera = Self { position, target, up: settings.up, fov_degrees: settings.fov_degrees };
-        camera.check()?;
+        // What is wrong is said in the numbers that the settings hold.
+        camera.check().map_err(|e| match (e, settings.position) {
+            (Error::Invalid { item: item @ "camera.position", right, .. }, Some(p)) if position.is_finite() && target.is_finite() => {
+                Error::Invalid { item, what: format!("{} is the target itself", exact(p)), right }
+            }
+            (other, _) => other,
+        })?;
         Ok(camera)
     }
 
@@ -131,7 +137,7 @@ impl Camera {
         let across = forward.cross(self.up.normalize_or_zero());
         if across.length() <= 1e-6 {
             let right = "choose one at an angle to the view, such as [0, 1, 0] for a view along z";
-            return bad("camera.up", format!("{} is parallel to the view {}", list(self.up), list(forward)), right);
+            return bad("camera.up", format!("{} is parallel to the view {}", exact(self.up), list(forward)), right);
         }
         let right = across.normalize();
         Ok([right, right.cross(forward), forward])
@@ -197,6 +203,11 @@ fn check_fov(degrees: f64) -> Result<()> {
         return Ok(());
     }
     Err(Error::Invalid { item: "camera.fov", what: format!("is {degrees} degrees"), right: "it must lie in 1..170".into() })
+}
+
+/// "[1, 2, 0.00001]", as it is.
+fn exact(v: DVec3) -> String {
+    format!("[{}, {}, {}]", v.x, v.y, v.z)
 }
 
 /// "[1, 2, 3]" in a few digits.

@@ -56,7 +56,7 @@ pub(super) fn save(device: &ash::Device, cache: vk::PipelineCache, path: &Path) 
         log::debug!("{}: cannot create: {e}", folder.display());
         return;
     }
-    let written = crate::io::write_aside(path, |out| {
+    let written = crate::aside::write_aside(path, |out| {
         let mut put =
             |bytes: &[u8]| out.write_all(bytes).map_err(|source| crate::Error::Io { path: path.to_owned(), action: "write", source });
         put(MAGIC)?;

@@ -1,0 +1,152 @@
+//! Files appear whole or not at all: written aside, then renamed over their place.
+
+use crate::error::{Error, Result};
+use std::fs::{File, Permissions};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// Most symbolic links that are followed, as Linux has it.
+const LINKS: usize = 40;
+
+/// The file that writing to `path` means: behind symbolic links, even where none is there yet.
+///
+/// # Errors
+/// [`Error::Io`] for a link that cannot be read, and for links that lead in a circle.
+pub fn write_target(path: &Path) -> Result<PathBuf> {
+    let fail = |source| Error::Io { path: path.to_owned(), action: "follow the link", source };
+    let mut target = path.to_owned();
+    for _ in 0..LINKS {
+        if !target.symlink_metadata().is_ok_and(|m| m.is_symlink()) {
+            return Ok(target);
+        }
+        let next = target.read_link().map_err(fail)?;
+        target = folder_of(&target).join(next);
+    }
+    Err(fail(std::io::Error::other("it leads to itself")))
+}
+
+/// The folder that holds `path`.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Writes a file beside `path` and renames it over `path` when `write` has succeeded: there is never a partial output. A
+/// symbolic link stays, its target is written. A new file has the permissions that the umask leaves, an old one keeps its
+/// own.
+///
+/// # Errors
+/// [`Error::Io`] naming `path`, or what `write` returned.
+pub fn write_aside(path: &Path, write: impl FnOnce(&mut BufWriter<Bounded>) -> Result<()>) -> Result<()> {
+    let fail = |action| move |source| Error::Io { path: path.to_owned(), action, source };
+    let target = write_target(path)?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".halflight-");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let file = builder.tempfile_in(folder_of(&target)).map_err(fail("create"))?;
+    let mut out = BufWriter::with_capacity(1 << 20, Bounded { file: file.as_file(), at: 0, most: size_limit() });
+    write(&mut out)?;
+    out.flush().map_err(fail("write"))?;
+    drop(out);
+    if let Some(old) = old_permissions(&target) {
+        file.as_file().set_permissions(old).map_err(fail("write"))?;
+    }
+    file.as_file().sync_data().map_err(fail("write"))?;
+    file.persist(&target).map_err(|e| Error::Io { path: path.to_owned(), action: "write", source: e.error })?;
+    Ok(())
+}
+
+#[cfg(unix)]
+fn old_permissions(target: &Path) -> Option<Permissions> {
+    use std::os::unix::fs::PermissionsExt;
+    target.metadata().ok().map(|m| Permissions::from_mode(m.permissions().mode() & 0o777))
+}
+
+#[cfg(not(unix))]
+fn old_permissions(_: &Path) -> Option<Permissions> {
+    None
+}
+
+/// A file that fails at the process's limit of file sizes, where the system would end the process (SIGXFSZ).
+pub struct Bounded<'a> {
+    file: &'a File,
+    at: u64,
+    most: u64,
+}
+
+impl Write for Bounded<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let room = self.most.saturating_sub(self.at);
+        if room == 0 && !bytes.is_empty() {
+            return Err(std::io::ErrorKind::FileTooLarge.into());
+        }
+        let n = self.file.write(&bytes[..bytes.len().min(usize::try_from(room).unwrap_or(usize::MAX))])?;
+        self.at += n as u64;
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Bounded<'_> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.at = self.file.seek(to)?;
+        Ok(self.at)
+    }
+}
+
+/// The limit of file sizes (`ulimit -f`), bytes; Linux tells it in a file.
+fn size_limit() -> u64 {
+    let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    let soft = limits.lines().find_map(|l| l.strip_prefix("Max file size")).and_then(|l| l.split_whitespace().next());
+    soft.and_then(|n| n.parse().ok()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn put(path: &Path, bytes: &[u8]) -> Result<()> {
+        write_aside(path, |out| out.write_all(bytes).map_err(|source| Error::Io { path: path.to_owned(), action: "write", source }))
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_stay_and_old_permissions_too() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("d")).unwrap();
+        // A new file is what the system makes of 0666.
+        std::fs::File::create(at("plain")).unwrap();
+        put(&at("d/real"), b"1").unwrap();
+        let mode = |name: &str| at(name).metadata().unwrap().permissions().mode();
+        assert_eq!(mode("d/real"), mode("plain"));
+        std::fs::set_permissions(at("d/real"), Permissions::from_mode(0o640)).unwrap();
+        symlink("d/real", at("link")).unwrap();
+        symlink("link", at("link2")).unwrap();
+        put(&at("link2"), b"22").unwrap();
+        assert!(at("link").symlink_metadata().unwrap().is_symlink() && at("link2").symlink_metadata().unwrap().is_symlink());
+        assert_eq!((std::fs::read(at("d/real")).unwrap(), mode("d/real") & 0o777), (b"22".to_vec(), 0o640));
+        // A link to a file that is not there yet makes it.
+        symlink("d/new", at("dangling")).unwrap();
+        put(&at("dangling"), b"333").unwrap();
+        assert_eq!(std::fs::read(at("d/new")).unwrap(), b"333");
+        symlink("round", at("round")).unwrap();
+        assert!(put(&at("round"), b"").unwrap_err().to_string().contains("leads to itself"));
+        assert_eq!(std::fs::read_dir(at("d")).unwrap().count(), 2, "nothing is left aside");
+    }
+
+    #[test]
+    fn a_size_limit_is_an_error() {
+        let file = tempfile::tempfile().unwrap();
+        let mut out = Bounded { file: &file, at: 0, most: 5 };
+        assert_eq!(out.write(b"1234567").unwrap(), 5);
+        assert_eq!(out.write(b"8").unwrap_err().kind(), std::io::ErrorKind::FileTooLarge);
+        out.seek(SeekFrom::Start(3)).unwrap();
+        assert_eq!(out.write(b"1234567").unwrap(), 2);
+    }
+}
