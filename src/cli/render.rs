@@ -9,11 +9,11 @@ use super::path_of;
 use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
-use halflight::engine::{Engine, Field, Medium, Span, precompute_memory};
+use halflight::engine::{Engine, Field, Medium, Span};
 use halflight::error::bytes;
 use halflight::io;
 use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
-use halflight::scene::{Picture, Samples, Scene};
+use halflight::scene::{Picture, Scene};
 use serde_json::json;
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
-    let (_, field) = visibility(&engine, &scene, &loaded, 0, &mut report)?;
+    let (_, field) = visibility(&engine, &scene, &loaded, None, &mut report)?;
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let meta = header(&scene, &engine, &spans);
@@ -37,7 +37,7 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
     let loaded = load::load(&scene)?;
     let engine = context.engine()?;
-    let (medium, field) = visibility(&engine, &scene, &loaded, picture_memory(&scene, &loaded), &mut report)?;
+    let (medium, field) = visibility(&engine, &scene, &loaded, Some((scene.image.width, scene.image.height)), &mut report)?;
     let lit = engine.relight(&field, &loaded.light)?;
     let bar = Progress::new();
     let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
@@ -79,9 +79,15 @@ fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene
     Ok((scene, output))
 }
 
-/// Volume to the device, matter on it, visibility of it. Says what it will need before it starts; `after` is what follows
-/// once the field's scratch memory is free again, bytes.
-fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, after: u64, report: &mut Report) -> Result<(Medium, Field), Failure> {
+/// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with a picture of `pixels`,
+/// before it starts.
+fn visibility(
+    engine: &Engine,
+    scene: &Scene,
+    loaded: &Loaded,
+    pixels: Option<(usize, usize)>,
+    report: &mut Report,
+) -> Result<(Medium, Field), Failure> {
     let (volume, grid, v) = (&loaded.volume, loaded.volume.grid(), &scene.visibility);
     let ([x, y, z], [lo, hi], kind) = (grid.dims(), volume.range(), volume.samples().type_name());
     report.device(engine);
@@ -91,9 +97,8 @@ fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, after: u64, repor
     let coefficients = v.coefficients();
     let packing = if v.bits == 32 { "32-bit float".into() } else { format!("{} bits", v.bits) };
     report.line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions", v.ratio, v.directions));
-    let (kept, scratch) = precompute_memory(grid, v);
-    let each = if matches!(volume.samples(), Samples::F32(_)) { 4 } else { 2 };
-    report.needs(engine, grid.voxels() * each + kept + scratch.max(after));
+    let need = engine.admit(volume, v, pixels).map_err(|e| scene.origins.blame(e))?;
+    report.needs(engine, need.peak());
     report.flush()?;
 
     let on_device = engine.upload(volume)?;
@@ -107,13 +112,6 @@ fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, after: u64, repor
     );
     report.line("field", format!("{} packed", bytes(field.bytes())));
     Ok((medium, field))
-}
-
-/// Bytes of the irradiance (four halves a cell) and of the pixels in flight (20 bytes each, at most 2^20 of them).
-fn picture_memory(scene: &Scene, loaded: &Loaded) -> u64 {
-    let cells: usize = loaded.volume.grid().field_dims(scene.visibility.ratio as usize).iter().product();
-    let pixels = (scene.image.width * scene.image.height).min(1 << 20);
-    8 * cells as u64 + 20 * pixels as u64
 }
 
 /// Lays the picture over its background, if the scene has one.
