@@ -3,7 +3,7 @@
 use super::fail::Failure;
 use super::progress::Progress;
 use halflight::error::Error;
-use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions};
+use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions, VolumeInfo};
 use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSource, ramp};
 use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
 use std::path::Path;
@@ -35,11 +35,20 @@ pub fn is_scene(path: &Path) -> bool {
 
 /// The scene's volume.
 pub fn volume(scene: &Scene) -> Result<Volume, Failure> {
+    read(scene, |options| io::read_volume(&scene.volume.file, options))
+}
+
+/// What the scene's volume is, also where its samples are not all finite.
+pub fn volume_info(scene: &Scene) -> Result<VolumeInfo, Failure> {
+    read(scene, |options| io::describe_file(&scene.volume.file, options))
+}
+
+fn read<T>(scene: &Scene, with: impl FnOnce(&ReadOptions) -> Result<T, Error>) -> Result<T, Failure> {
     let bar = Progress::new();
     let show = |fraction: f64| bar.show("read", fraction);
     let raw = scene.volume.raw.as_ref().map(layout).transpose()?;
     let options = ReadOptions { raw, nan_as: scene.volume.nan_as, progress: Some(&show), ..ReadOptions::default() };
-    Ok(io::read_volume(&scene.volume.file, &options)?)
+    Ok(with(&options)?)
 }
 
 /// Reads all that the scene names and checks it against the data. The small files come first: their errors should not
