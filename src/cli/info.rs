@@ -5,6 +5,7 @@ use super::args::{OF_VOLUME, check_used, overrides};
 use super::fail::Failure;
 use super::load;
 use super::path_of;
+use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
 use halflight::engine::precompute_memory;
@@ -22,7 +23,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     report.set("file", json!(path.display().to_string()));
     if load::is_scene(path) {
         let scene = load::scene(path, &overrides)?;
-        let loaded = load::load(&scene)?;
+        let loaded = load::load(&scene, &Progress::new(&[load::READ]))?;
         report.set("kind", json!("scene"));
         volume(&mut report, &scene, &io::describe(&loaded.volume))?;
         about_scene(&mut report, &scene, &loaded);

@@ -13,7 +13,8 @@ use halflight::engine::{Engine, Field, Medium, Span, precompute_memory};
 use halflight::error::bytes;
 use halflight::io;
 use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
-use halflight::scene::{Picture, Samples, Scene};
+use halflight::scene::visibility::Method;
+use halflight::scene::{Grid, ImageSettings, Picture, Samples, Scene, Visibility};
 use serde_json::json;
 use std::path::Path;
 
@@ -21,13 +22,16 @@ use std::path::Path;
 pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
-    let loaded = load::load(&scene)?;
+    let bar = Progress::new(&[load::READ, "upload", "visibility", "write"]);
+    let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let (_, field) = visibility(&engine, &scene, &loaded, 0, &mut report)?;
+    let (_, field) = visibility(&engine, &scene, &loaded, 0, &bar, &mut report)?;
+    bar.enter("write");
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let meta = header(&scene, &engine, &spans);
     io::write_nrrd_field(&output.path, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
+    drop(bar);
     finish(context, report, &engine, &spans, &output)
 }
 
@@ -35,18 +39,21 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
-    let loaded = load::load(&scene)?;
+    let bar = Progress::new(&[load::READ, "upload", "visibility", "relight", "render", "write"]);
+    let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let (medium, field) = visibility(&engine, &scene, &loaded, picture_memory(&scene, &loaded), &mut report)?;
+    let (medium, field) = visibility(&engine, &scene, &loaded, picture_memory(&scene, &loaded), &bar, &mut report)?;
+    bar.enter("relight");
     let lit = engine.relight(&field, &loaded.light)?;
-    let bar = Progress::new();
+    bar.enter("render");
     let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
-    drop(bar);
+    bar.enter("write");
     background(&scene, &loaded, &mut picture)?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
     let spans = engine.take_timings();
     output.write(&picture, scene.image.exposure, &header(&scene, &engine, &spans))?;
+    drop(bar);
     finish(context, report, &engine, &spans, &output)
 }
 
@@ -81,7 +88,14 @@ fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene
 
 /// Volume to the device, matter on it, visibility of it. Says what it will need before it starts; `after` is what follows
 /// once the field's scratch memory is free again, bytes.
-fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, after: u64, report: &mut Report) -> Result<(Medium, Field), Failure> {
+fn visibility(
+    engine: &Engine,
+    scene: &Scene,
+    loaded: &Loaded,
+    after: u64,
+    bar: &Progress,
+    report: &mut Report,
+) -> Result<(Medium, Field), Failure> {
     let (volume, grid, v) = (&loaded.volume, loaded.volume.grid(), &scene.visibility);
     let ([x, y, z], [lo, hi], kind) = (grid.dims(), volume.range(), volume.samples().type_name());
     report.device(engine);
@@ -96,17 +110,34 @@ fn visibility(engine: &Engine, scene: &Scene, loaded: &Loaded, after: u64, repor
     report.needs(engine, grid.voxels() * each + kept + scratch.max(after));
     report.flush()?;
 
+    bar.plan(&works(v, &scene.image, grid));
+    bar.enter("upload");
     let on_device = engine.upload(volume)?;
     let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
-    let bar = Progress::new();
+    bar.enter("visibility");
     let field = engine.precompute(&medium, v, &mut bar.job()).map_err(|e| scene.origins.blame(e))?;
-    drop(bar);
     report.set(
         "field",
         json!({ "dims": field.dims(), "ratio": v.ratio, "coefficients": coefficients, "bits": v.bits, "bytes": field.bytes() }),
     );
     report.line("field", format!("{} packed", bytes(field.bytes())));
     Ok((medium, field))
+}
+
+/// Trilinear taps of the long stages, roughly: what the bar shows as their shares.
+pub fn works(v: &Visibility, image: &ImageSettings, grid: &Grid) -> [(&'static str, f64); 2] {
+    let side = grid.dims().into_iter().max().unwrap_or(1) as f64;
+    let cells: f64 = grid.field_dims(v.ratio as usize).iter().map(|&n| n as f64).product();
+    // A ray leaves after half the longest side, on average.
+    let (way, growth) = (0.5 * side, f64::from(v.growth));
+    let taps = match v.method {
+        Method::March => way / f64::from(v.step),
+        // Single voxels up to 1/growth, then steps that grow with the distance; two levels a tap.
+        Method::Hierarchical => 2.0 * (way.min(1.0 / growth) + (way * growth).max(1.0).ln() / growth),
+    };
+    // Half of the pixels see the box; each step asks for a value and its light.
+    let pixels = 0.5 * (image.width * image.height) as f64;
+    [("visibility", cells * f64::from(v.directions) * taps), ("render", pixels * 2.0 * side / image.step)]
 }
 
 /// Bytes of the irradiance (four halves a cell) and of the pixels in flight (20 bytes each, at most 2^20 of them).
