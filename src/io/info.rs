@@ -62,7 +62,7 @@ pub fn describe_file(path: &Path, options: &ReadOptions) -> Result<VolumeInfo> {
     // The smallest sample stands for them: at the upper end where the slope is negative.
     let low = info.slope > 0.0;
     let bin = if low || info.range[0] == info.range[1] { 0 } else { BINS - 1 };
-    info.histogram[bin] -= odd;
+    info.histogram[bin] = info.histogram[bin].saturating_sub(odd);
     let sum = info.mean * volume.grid().voxels() as f64 - odd as f64 * f64::from(info.range[usize::from(!low)]);
     info.mean = sum / finite as f64;
     Ok(info)
