@@ -135,7 +135,7 @@ pub fn shown(path: &Path) -> String {
 }
 
 /// Text in which nothing disturbs a terminal: control characters, and those that hide or reorder text, are escaped.
-pub(crate) fn escaped(text: &str) -> impl Iterator<Item = char> + '_ {
+pub fn escaped(text: &str) -> impl Iterator<Item = char> + '_ {
     let odd =
         |c: char| c.is_control() || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}');
     text.chars().flat_map(move |c| {

@@ -145,7 +145,7 @@ fn bad_input_is_3() {
         (&["info", "nonsense.nrrd"], "nonsense.nrrd: "),
         (&["info", "missing"], "missing: cannot open"),
         (&["info", "."], ".: it is a folder; name a file"),
-        (&["info", "nan.nrrd"], "--nan-as"),
+        (&["render", "nan.nrrd", "-o", "x.png"], "all must be finite; --nan-as VALUE (volume.nan_as in a scene) puts a value"),
         (&["info", "raw.bin", "--volume.dims", "[5, 5, 5]", "--volume.type", "uint8"], "raw.bin: "),
         (&["info", "nonsense.nrrd"], "headerless samples where --volume.dims and --volume.type say what they are"),
         (&["info", "away.nhdr"], "it must lie in the header's folder: move it there"),
@@ -216,10 +216,55 @@ fn info_describes_volumes_and_scenes() {
     let mut nan = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 2 1 1\nencoding: raw\nendian: little\n\n".to_vec();
     nan.extend([1f32, f32::NAN].iter().flat_map(|v| v.to_le_bytes()));
     f.file("nan.nrrd", nan);
+    // Samples that are not finite are counted, and the rest described.
+    let v = json(&["info", "nan.nrrd", "--json"]);
+    assert_eq!((&v["volume"]["not_finite"], &v["volume"]["range"]), (&1.into(), &serde_json::json!([1.0, 1.0])));
+    let text = String::from_utf8(halflight(&f.0, &["info", "nan.nrrd"]).stdout).unwrap();
+    assert!(text.contains("1 of 2 samples are NaN or infinite; ") && text.contains("--nan-as VALUE"), "{text}");
+    f.file("none.raw", [f32::NAN, f32::INFINITY].map(f32::to_le_bytes).concat());
+    let text = halflight(&f.0, &["info", "none.raw", "--volume.dims", "2,1,1", "--volume.type", "float32"]).stdout;
+    assert!(String::from_utf8(text).unwrap().contains("none: no sample is finite"));
     // It also says on stderr that samples were replaced.
     let out = halflight(&f.0, &["info", "nan.nrrd", "--nan-as", "-5", "--json"]);
     let v: Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!(v["volume"]["range"], serde_json::json!([-5.0, 1.0]));
+}
+
+#[test]
+fn info_describes_fields_and_probes() {
+    use halflight::scene::Grid;
+    let f = Folder::new("fields");
+    let json = |arguments: &[&str]| -> Value {
+        let out = halflight(&f.0, arguments);
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    // Half of the directions are seen from each of 3x2x1 cells: v₀₀ = √π.
+    let v00 = std::f32::consts::PI.sqrt();
+    for coefficients in [1, 4, 9, 16] {
+        let data: Vec<f32> = (0..6 * coefficients).map(|i| if i % coefficients == 0 { v00 } else { 7.0 }).collect();
+        let grid = Grid::axis_aligned([6, 4, 2], [0.5, 1.0, 2.0]).unwrap();
+        let meta = [("scene".to_string(), "[volume]\nfile = \"v.nrrd\"".to_string()), ("device".into(), "d".into())];
+        halflight::io::write_nrrd_field(&f.0.join("field.nrrd"), [3, 2, 1], coefficients, &data, &grid, &meta).unwrap();
+        let v = json(&["info", "field.nrrd", "--json"]);
+        assert_eq!((&v["kind"], &v["file"]), (&"field".into(), &"field.nrrd".into()));
+        assert_eq!((&v["field"]["dims"], &v["field"]["coefficients"]), (&serde_json::json!([3, 2, 1]), &coefficients.into()));
+        assert_eq!(v["field"]["spacing"], serde_json::json!([1.0, 2.0, 4.0]));
+        assert!((v["field"]["visible"].as_f64().unwrap() - 0.5).abs() < 1e-6);
+        assert_eq!(v["meta"]["scene"], meta[0].1.as_str());
+        let text = String::from_utf8(halflight(&f.0, &["info", "field.nrrd"]).stdout).unwrap();
+        assert!(text.contains(&format!("3x2x1 cells, {coefficients} coefficients")), "{text}");
+        assert!(text.contains("50.00 %") && text.contains("\n  file = \"v.nrrd\"\n") && text.contains("device     d"), "{text}");
+    }
+    fails(&f, &["info", "field.nrrd", "--volume.nan_as", "3"], 2, "`volume.nan_as` changes nothing in the description of a field");
+    let whole = std::fs::read(f.0.join("field.nrrd")).unwrap();
+    f.file("field.nrrd", &whole[..whole.len() - 1]);
+    fails(&f, &["info", "field.nrrd"], 3, "the file is cut short");
+    grey(&f);
+    let v = json(&["info", "grey.hdr", "--json"]);
+    assert_eq!((&v["kind"], &v["file"], &v["width"]), (&"probe".into(), &"grey.hdr".into(), &8.into()));
+    let text = String::from_utf8(halflight(&f.0, &["info", "grey.hdr"]).stdout).unwrap();
+    assert!(text.contains("grey.hdr, 8x4 pixels"), "{text}");
 }
 
 #[test]
@@ -455,6 +500,9 @@ fn precompute_writes_the_field() {
     sphere(&f);
     let out = halflight(&f.0, &["precompute", "scene.toml", "-o", "field.nrrd", "--visibility.bands", "3", "--json"]);
     assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    let info: Value = serde_json::from_slice(&halflight(&f.0, &["info", "field.nrrd", "--json"]).stdout).unwrap();
+    assert_eq!((&info["kind"], &info["field"]["coefficients"]), (&"field".into(), &9.into()));
+    assert!(info["meta"]["scene"].as_str().unwrap().contains("bands = 3"), "{info}");
     let field = halflight::io::read_nrrd_field(&f.0.join("field.nrrd"), &Default::default()).unwrap();
     assert_eq!((field.coefficients, field.grid.dims()), (9, [8, 6, 4]));
     // The corner sees nearly all of the sky: v₀₀ near 2√π. The middle of the sphere sees little of it.

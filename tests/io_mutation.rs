@@ -2,7 +2,7 @@
 //! bounded time, and never asks for memory beyond its limit. One test alone in its process, for the memory it measures.
 
 mod io_common;
-use halflight::io::{ReadOptions, SampleType, TransferOptions, read_nrrd_field, read_transfer, read_volume};
+use halflight::io::{ReadOptions, SampleType, TransferOptions, describe_file, is_nrrd_field, read_nrrd_field, read_transfer, read_volume};
 use io_common::{Folder, bytes, gzip, nifti_header};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -142,6 +142,11 @@ fn damaged_files_are_survived() {
     let lenient = ReadOptions { nan_as: Some(0.0), allow_outside: false, ..volume.clone() };
     let transfer = TransferOptions { name: Some("a".into()), ..TransferOptions::new([-1.0, 9.0]) };
     let read = |name: &str, path: &Path| -> bool {
+        let _ = is_nrrd_field(path);
+        if let Ok(info) = describe_file(path, &volume) {
+            let voxels = info.dims.iter().map(|&n| n as u64).product::<u64>();
+            assert_eq!(info.histogram.iter().sum::<u64>() + info.not_finite, voxels);
+        }
         match name {
             "preset.json" => read_transfer(path, &transfer).is_ok(),
             "field.nrrd" => read_nrrd_field(path, &volume).is_ok_and(|f| f.data.len() as u64 * 4 <= CAP),

@@ -3,7 +3,7 @@
 mod io_common;
 use glam::DVec3;
 use halflight::Result;
-use halflight::io::{ReadOptions, SampleType, describe, read_volume};
+use halflight::io::{ReadOptions, SampleType, describe, describe_file, read_volume};
 use halflight::scene::Volume;
 use io_common::{DIMS, Folder, Nifti, bytes, encode, gzip, nifti_header, says, values};
 
@@ -97,6 +97,16 @@ fn slope_and_intercept() {
     says(read_volume(&path, &ReadOptions::default()), &["1 of the samples", "voxel (0, 0, 1): NaN"]);
     let v = read_volume(&path, &ReadOptions { nan_as: Some(7.0), ..Default::default() }).unwrap();
     assert_eq!(v.value(20), 7.0);
+    // Counted instead, with a slope below 0: the rest is described as if the sample were not there.
+    h.f32(112, -2.0);
+    let info = describe_file(&dir.file("m.nii", &[&h.bytes, &data]), &ReadOptions::default()).unwrap();
+    data.copy_within(0..4, 80);
+    let whole = describe(&read_volume(&dir.file("w.nii", &[&h.bytes, &data]), &ReadOptions::default()).unwrap());
+    let first = -2.0 * f64::from(f32::from_le_bytes([data[0], data[1], data[2], data[3]])) + 1.0;
+    let voxels = whole.histogram.iter().sum::<u64>() as f64;
+    assert_eq!((info.not_finite, info.range), (1, whole.range));
+    assert!((info.mean - (whole.mean * voxels - first) / (voxels - 1.0)).abs() < 1e-6, "{} {}", info.mean, whole.mean);
+    assert_eq!(info.histogram.iter().sum::<u64>() as f64, voxels - 1.0);
 }
 
 fn centre(v: &Volume, p: [f64; 3]) -> DVec3 {

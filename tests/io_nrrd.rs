@@ -335,3 +335,25 @@ fn limit_and_progress() {
     read_volume(&big, &ReadOptions { progress: Some(&progress), ..Default::default() }).unwrap();
     assert_eq!(*seen.borrow(), [0.25, 0.5, 0.75, 1.0]);
 }
+
+#[test]
+fn samples_that_are_not_finite_are_counted_and_the_rest_described() {
+    use halflight::io::{describe, describe_file};
+    let dir = Folder::new();
+    let head = |n: usize| format!("NRRD0004\ntype: float\ndimension: 3\nsizes: {n} 1 1\nencoding: raw\nendian: little\n\n");
+    let file = |name: &str, values: &[f32]| {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        dir.file(name, &[head(values.len()).as_bytes(), &bytes])
+    };
+    let finite = file("a.nrrd", &[3.0, -2.0, 6.0, 5.0]);
+    let mixed = file("b.nrrd", &[f32::NAN, 3.0, -2.0, f32::NEG_INFINITY, 6.0, f32::INFINITY, 5.0]);
+    let (a, b) = (describe_file(&finite, &ReadOptions::default()).unwrap(), describe_file(&mixed, &ReadOptions::default()).unwrap());
+    assert_eq!(a, describe(&read(&finite).unwrap()));
+    assert_eq!((a.not_finite, b.not_finite), (0, 3));
+    assert_eq!((b.range, b.mean, &b.histogram), ([-2.0, 6.0], 3.0, &a.histogram));
+    // A value to put in their place leaves nothing to count.
+    let c = describe_file(&mixed, &ReadOptions { nan_as: Some(-9.0), ..Default::default() }).unwrap();
+    assert_eq!((c.not_finite, c.range), (0, [-9.0, 6.0]));
+    let none = describe_file(&file("c.nrrd", &[f32::NAN; 5]), &ReadOptions::default()).unwrap();
+    assert_eq!((none.not_finite, none.range, none.histogram.iter().sum::<u64>()), (5, [0.0; 2], 0));
+}

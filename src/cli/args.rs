@@ -36,8 +36,11 @@ pub fn command() -> Command {
         )
         .subcommand(
             Command::new("info")
-                .about("Describe a volume, a light probe or a scene")
-                .arg(path("file", "FILE", "NRRD, NIfTI or headerless volume, probe (.hdr, .exr), or scene (.toml)").required(true))
+                .about("Describe a volume, a light probe, a visibility field or a scene")
+                .arg(
+                    path("file", "FILE", "NRRD, NIfTI or headerless volume, probe (.hdr, .exr), field (.nrrd), or scene (.toml)")
+                        .required(true),
+                )
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),
         )

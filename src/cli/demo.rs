@@ -5,6 +5,7 @@ use super::fail::Failure;
 use super::output::{Folder, Kind, Output};
 use super::path_of;
 use super::progress::Progress;
+use super::render::works;
 use clap::ArgMatches;
 use halflight::demo;
 use halflight::scene::scene::fill_background;
@@ -21,6 +22,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     report.device(&engine);
     report.flush()?;
 
+    let bar = Progress::new(&["model", "visibility", "render", "write", "visibility", "render", "write"]);
+    bar.enter("model");
     let volume = demo::volume(128)?;
     let probe = Probe::two_colored();
     let light = Light::from_probe(&probe);
@@ -30,15 +33,17 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let image = ImageSettings { width, height, step: 0.5, ..ImageSettings::default() };
     let rays = camera.rays(volume.grid(), width, height)?;
     let on_device = engine.upload(&volume)?;
+    bar.plan(&works(&settings, &image, volume.grid()));
     let mut written = Vec::new();
     let scenes = [("demo_dvr", demo::dvr()?), ("demo_iso", demo::iso()?)];
     for ((name, matter), exposure) in scenes.into_iter().zip(demo::EXPOSURES) {
         let medium = engine.classify(&on_device, &matter)?;
-        let bar = Progress::new();
+        bar.enter("visibility");
         let field = engine.precompute(&medium, &settings, &mut bar.job())?;
         let lit = engine.relight(&field, &light)?;
+        bar.enter("render");
         let mut picture = engine.render(&medium, &lit, &camera, &image, &mut bar.job())?;
-        drop(bar);
+        bar.enter("write");
         let backdrop = demo::BACKGROUND.map(|v| v * 0.5f32.powf(exposure as f32));
         fill_background(&mut picture, &rays, |_| backdrop);
         for (extension, kind) in [("png", Kind::Png), ("exr", Kind::Exr)] {
@@ -49,6 +54,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         }
         report.flush()?;
     }
+    drop(bar);
     report.set("outputs", json!(written));
     report.work(&engine, &engine.take_timings());
     context.verdict(&engine)?;

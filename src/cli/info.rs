@@ -5,63 +5,113 @@ use super::args::{OF_VOLUME, check_used, overrides};
 use super::fail::Failure;
 use super::load;
 use super::path_of;
+use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
 use halflight::engine::precompute_memory;
-use halflight::error::bytes;
-use halflight::io;
-use halflight::scene::{Probe, Scene, Volume};
+use halflight::error::{bytes, escaped};
+use halflight::io::{self, NrrdField, VolumeInfo};
+use halflight::scene::{Probe, Scene};
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// `halflight info FILE`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let path = path_of(m, "file")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
+    report.set("file", json!(path.display().to_string()));
     if load::is_scene(path) {
         let scene = load::scene(path, &overrides)?;
-        let loaded = load::load(&scene)?;
+        let loaded = load::load(&scene, &Progress::new(&[load::READ]))?;
         report.set("kind", json!("scene"));
-        volume(&mut report, &scene, &loaded.volume)?;
+        volume(&mut report, &scene, &io::describe(&loaded.volume))?;
         about_scene(&mut report, &scene, &loaded);
     } else if io::is_probe(path)? {
         check_used(&overrides, &[], "the description of a probe").map_err(Failure::usage)?;
         report.set("kind", json!("probe"));
-        probe(&mut report, &io::read_probe(path)?);
+        probe(&mut report, path, &io::read_probe(path)?);
+    } else if io::is_nrrd_field(path)? {
+        check_used(&overrides, &[], "the description of a field").map_err(Failure::usage)?;
+        report.set("kind", json!("field"));
+        field(&mut report, path, &io::read_nrrd_field(path, &Default::default())?);
     } else {
         check_used(&overrides, OF_VOLUME, "the description of a volume").map_err(Failure::usage)?;
         let scene = load::scene(path, &overrides)?;
         report.set("kind", json!("volume"));
-        volume(&mut report, &scene, &load::volume(&scene)?)?;
+        volume(&mut report, &scene, &load::volume_info(&scene)?)?;
     }
     report.finish()
 }
 
-fn volume(report: &mut Report, scene: &Scene, volume: &Volume) -> Result<(), Failure> {
-    let info = io::describe(volume);
+fn volume(report: &mut Report, scene: &Scene, info: &VolumeInfo) -> Result<(), Failure> {
     let [x, y, z] = info.dims;
-    let v3 = |v: [f64; 3]| format!("[{}, {}, {}]", short(v[0]), short(v[1]), short(v[2]));
     report.line("volume", scene.volume.file.display().to_string());
     report.line("dims", format!("{x}x{y}x{z} {}, {}", info.sample_type, bytes(info.bytes)));
     report.line("spacing", v3(info.spacing));
     report.line("axes", info.directions.map(v3).join(" "));
     report.line("corner", v3(info.corner));
-    report.line("range", format!("{} to {}, mean {}", info.range[0], info.range[1], short(info.mean)));
+    let voxels = info.dims.iter().map(|&n| n as u64).product::<u64>();
+    match info.not_finite {
+        0 => {}
+        n => report.line("not finite", format!("{n} of {voxels} samples are NaN or infinite; to render, replace them with --nan-as VALUE")),
+    }
+    match info.not_finite == voxels {
+        true => report.line("range", "none: no sample is finite"),
+        false => report.line("range", format!("{} to {}, mean {}", info.range[0], info.range[1], short(info.mean))),
+    }
     if (info.slope, info.intercept) != (1.0, 0.0) {
         report.line("rescale", format!("{}·sample + {}", info.slope, info.intercept));
     }
     report.line("histogram", bars(&info.histogram));
-    let value = serde_json::to_value(&info)
-        .map_err(|e| Failure { code: 1, sentence: format!("the description cannot be written as JSON: {e}") })?;
+    let value =
+        serde_json::to_value(info).map_err(|e| Failure { code: 1, sentence: format!("the description cannot be written as JSON: {e}") })?;
     report.set("volume", value);
     Ok(())
 }
 
-fn probe(report: &mut Report, probe: &Probe) {
+fn v3(v: [f64; 3]) -> String {
+    format!("[{}, {}, {}]", short(v[0]), short(v[1]), short(v[2]))
+}
+
+/// A visibility field, and the scene that it was computed from.
+fn field(report: &mut Report, path: &Path, field: &NrrdField) {
+    let (grid, coefficients) = (&field.grid, field.coefficients);
+    let [x, y, z] = grid.dims();
+    // v₀₀ of a cell that sees everything is 2√π.
+    let sum: f64 = field.data.iter().step_by(coefficients).map(|&v| f64::from(v)).sum();
+    let visible = sum / grid.voxels() as f64 / (2.0 * std::f64::consts::PI.sqrt());
+    let size = 4 * field.data.len() as u64;
+    let corner = grid.voxel_to_world().translation.to_array();
+    report.line("field", path.display().to_string());
+    report.line("dims", format!("{x}x{y}x{z} cells, {coefficients} coefficients (float32), {}", bytes(size)));
+    report.line("spacing", v3(grid.spacing()));
+    report.line("corner", v3(corner));
+    report.line("visible", format!("{:.2} % of the directions, on average", 100.0 * visible));
+    for (key, value) in &field.meta {
+        let (key, mut lines) = (escaped(key).collect::<String>(), value.lines().map(|l| escaped(l).collect::<String>()));
+        if value.trim_end().contains('\n') {
+            report.line(&key, "");
+            lines.for_each(|l| report.text(format!("  {l}")));
+        } else {
+            report.line(&key, lines.next().unwrap_or_default());
+        }
+    }
+    report.set(
+        "field",
+        json!({
+            "dims": grid.dims(), "coefficients": coefficients, "bytes": size, "spacing": grid.spacing(), "corner": corner,
+            "visible": visible,
+        }),
+    );
+    report.set("meta", field.meta.iter().map(|(k, v)| (k.clone(), json!(v))).collect::<serde_json::Map<_, _>>().into());
+}
+
+fn probe(report: &mut Report, path: &Path, probe: &Probe) {
     let brightest = probe.pixels().iter().flatten().fold(0f32, |a, &b| a.max(b));
     let mean = probe.mean();
-    report.line("probe", format!("{}x{} pixels", probe.width(), probe.height()));
-    report.line("mean", format!("[{}, {}, {}]", short(mean[0]), short(mean[1]), short(mean[2])));
+    report.line("probe", format!("{}, {}x{} pixels", path.display(), probe.width(), probe.height()));
+    report.line("mean", v3(mean));
     report.line("brightest", brightest.to_string());
     report.set("width", json!(probe.width()));
     report.set("height", json!(probe.height()));
@@ -84,8 +134,7 @@ fn about_scene(report: &mut Report, scene: &Scene, loaded: &load::Loaded) {
     report.line("field", format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {:?}", v.coefficients(), v.directions, v.method));
     report.line("memory", format!("{} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
     let (p, t) = (loaded.camera.position, loaded.camera.target);
-    let v3 = |v: glam::DVec3| format!("[{}, {}, {}]", short(v.x), short(v.y), short(v.z));
-    report.line("camera", format!("at {} towards {}, {} degrees", v3(p), v3(t), loaded.camera.fov_degrees));
+    report.line("camera", format!("at {} towards {}, {} degrees", v3(p.to_array()), v3(t.to_array()), loaded.camera.fov_degrees));
     report.line("image", format!("{}x{} pixels", scene.image.width, scene.image.height));
     let given: serde_json::Map<String, Value> = scene.origins.keys.iter().map(|(k, o)| (k.clone(), json!(o))).collect();
     report.set("given", Value::Object(given));

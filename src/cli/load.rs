@@ -3,10 +3,13 @@
 use super::fail::Failure;
 use super::progress::Progress;
 use halflight::error::Error;
-use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions};
+use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions, VolumeInfo};
 use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSource, ramp};
 use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
 use std::path::Path;
+
+/// The stage in which the volume is read.
+pub const READ: &str = "read volume";
 
 /// All that a frame needs, in host memory.
 pub struct Loaded {
@@ -34,19 +37,28 @@ pub fn is_scene(path: &Path) -> bool {
 }
 
 /// The scene's volume.
-pub fn volume(scene: &Scene) -> Result<Volume, Failure> {
-    let bar = Progress::new();
-    let show = |fraction: f64| bar.show("read", fraction);
+fn volume(scene: &Scene, bar: &Progress) -> Result<Volume, Failure> {
+    read(scene, bar, |options| io::read_volume(&scene.volume.file, options))
+}
+
+/// What the scene's volume is, also where its samples are not all finite.
+pub fn volume_info(scene: &Scene) -> Result<VolumeInfo, Failure> {
+    read(scene, &Progress::new(&[READ]), |options| io::describe_file(&scene.volume.file, options))
+}
+
+fn read<T>(scene: &Scene, bar: &Progress, with: impl FnOnce(&ReadOptions) -> Result<T, Error>) -> Result<T, Failure> {
+    bar.enter(READ);
+    let show = |fraction: f64| bar.show(fraction);
     let raw = scene.volume.raw.as_ref().map(layout).transpose()?;
     let options = ReadOptions { raw, nan_as: scene.volume.nan_as, progress: Some(&show), ..ReadOptions::default() };
-    Ok(io::read_volume(&scene.volume.file, &options)?)
+    Ok(with(&options)?)
 }
 
 /// Reads all that the scene names and checks it against the data. The small files come first: their errors should not
 /// wait for the volume.
-pub fn load(scene: &Scene) -> Result<Loaded, Failure> {
+pub fn load(scene: &Scene, bar: &Progress) -> Result<Loaded, Failure> {
     let (probe, light) = light(scene)?;
-    let volume = volume(scene)?;
+    let volume = volume(scene, bar)?;
     let transfer = transfer(scene, &volume)?;
     let [lo, hi] = volume.range();
     if let Some(surface) = scene.surface

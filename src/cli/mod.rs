@@ -125,6 +125,7 @@ fn log_to_stderr(verbose: u8) {
     let level = ["warn", "info", "debug"].get(usize::from(verbose)).unwrap_or(&"trace");
     let env = env_logger::Env::default().default_filter_or(*level);
     let _ = env_logger::Builder::from_env(env)
+        .target(env_logger::Target::Pipe(Box::new(progress::Stderr)))
         .format(|out, record| {
             use std::io::Write;
             writeln!(out, "halflight: {}: {}", record.level().as_str().to_lowercase(), record.args())

@@ -13,7 +13,8 @@ use halflight::engine::{Engine, Field, Medium, Span};
 use halflight::error::bytes;
 use halflight::io;
 use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
-use halflight::scene::{Picture, Scene};
+use halflight::scene::visibility::Method;
+use halflight::scene::{Grid, ImageSettings, Picture, Scene, Visibility};
 use serde_json::json;
 use std::path::Path;
 
@@ -21,13 +22,16 @@ use std::path::Path;
 pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
-    let loaded = load::load(&scene)?;
+    let bar = Progress::new(&[load::READ, "upload", "visibility", "write"]);
+    let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let (_, field) = visibility(&engine, &scene, &loaded, None, &mut report)?;
+    let (_, field) = visibility(&engine, &scene, &loaded, None, &bar, &mut report)?;
+    bar.enter("write");
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let meta = header(&scene, &engine, &spans);
     io::write_nrrd_field(&output.path, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
+    drop(bar);
     finish(context, report, &engine, &spans, &output)
 }
 
@@ -35,18 +39,22 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
-    let loaded = load::load(&scene)?;
+    let bar = Progress::new(&[load::READ, "upload", "visibility", "relight", "render", "write"]);
+    let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let (medium, field) = visibility(&engine, &scene, &loaded, Some((scene.image.width, scene.image.height)), &mut report)?;
+    let pixels = Some((scene.image.width, scene.image.height));
+    let (medium, field) = visibility(&engine, &scene, &loaded, pixels, &bar, &mut report)?;
+    bar.enter("relight");
     let lit = engine.relight(&field, &loaded.light)?;
-    let bar = Progress::new();
+    bar.enter("render");
     let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
-    drop(bar);
+    bar.enter("write");
     background(&scene, &loaded, &mut picture)?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
     let spans = engine.take_timings();
     output.write(&picture, scene.image.exposure, &header(&scene, &engine, &spans))?;
+    drop(bar);
     finish(context, report, &engine, &spans, &output)
 }
 
@@ -86,6 +94,7 @@ fn visibility(
     scene: &Scene,
     loaded: &Loaded,
     pixels: Option<(usize, usize)>,
+    bar: &Progress,
     report: &mut Report,
 ) -> Result<(Medium, Field), Failure> {
     let (volume, grid, v) = (&loaded.volume, loaded.volume.grid(), &scene.visibility);
@@ -101,17 +110,35 @@ fn visibility(
     report.needs(engine, need.peak());
     report.flush()?;
 
+    bar.plan(&works(v, &scene.image, grid));
+    bar.enter("upload");
     let on_device = engine.upload(volume)?;
     let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
-    let bar = Progress::new();
+    bar.enter("visibility");
     let field = engine.precompute(&medium, v, &mut bar.job()).map_err(|e| scene.origins.blame(e))?;
-    drop(bar);
     report.set(
         "field",
         json!({ "dims": field.dims(), "ratio": v.ratio, "coefficients": coefficients, "bits": v.bits, "bytes": field.bytes() }),
     );
     report.line("field", format!("{} packed", bytes(field.bytes())));
     Ok((medium, field))
+}
+
+/// Trilinear taps of the long stages, roughly: what the bar shows as their shares.
+pub fn works(v: &Visibility, image: &ImageSettings, grid: &Grid) -> [(&'static str, f64); 2] {
+    let side = grid.dims().into_iter().max().unwrap_or(1) as f64;
+    let cells: f64 = grid.field_dims(v.ratio as usize).iter().map(|&n| n as f64).product();
+    // A ray leaves after half the longest side, on average.
+    let (way, growth) = (0.5 * side, f64::from(v.growth));
+    let taps = match v.method {
+        Method::March => way / f64::from(v.step),
+        Method::Sweep => f64::from(v.near * v.ratio) * 1.3 / f64::from(v.step) + 2.0,
+        // Single voxels up to 1/growth, then steps that grow with the distance; two levels a tap.
+        Method::Hierarchical => 2.0 * (way.min(1.0 / growth) + (way * growth).max(1.0).ln() / growth),
+    };
+    // Half of the pixels see the box; each step asks for a value and its light.
+    let pixels = 0.5 * (image.width * image.height) as f64;
+    [("visibility", cells * f64::from(v.directions) * taps), ("render", pixels * 2.0 * side / image.step)]
 }
 
 /// Lays the picture over its background, if the scene has one.

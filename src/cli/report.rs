@@ -1,6 +1,7 @@
 //! What the command says: lines for people, or one JSON object. A reader that has gone away is no error.
 
 use super::fail::Failure;
+use super::progress::around;
 use halflight::engine::{Engine, Span};
 use halflight::error::{bytes, shown};
 use serde_json::{Map, Value, json};
@@ -100,7 +101,7 @@ impl Report {
 
 /// One line on stdout.
 pub fn say(line: &str) -> Result<(), Failure> {
-    match writeln!(std::io::stdout(), "{line}") {
+    match around(|| writeln!(std::io::stdout(), "{line}")) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure { code: 3, sentence: format!("standard output: cannot write: {e}") })
         }

@@ -1,7 +1,11 @@
 //! What a volume is, as plain data.
 
+use super::{ReadOptions, read_volume};
+use crate::error::Result;
 use crate::scene::Volume;
 use serde::Serialize;
+use std::cell::Cell;
+use std::path::Path;
 
 /// Bins of [`VolumeInfo::histogram`].
 pub const BINS: usize = 64;
@@ -27,12 +31,41 @@ pub struct VolumeInfo {
     pub slope: f32,
     /// See `slope`.
     pub intercept: f32,
-    /// Smallest and largest value, in the data's unit.
+    /// NaN and infinite samples; what follows is of the others. Only [`describe_file`] accepts any.
+    pub not_finite: u64,
+    /// Smallest and largest value, in the data's unit; zeros where no sample is finite.
     pub range: [f32; 2],
     /// Mean value.
     pub mean: f64,
     /// Voxels per 64th of the range, the last closed on both sides; a constant volume has all in the first.
     pub histogram: Vec<u64>,
+}
+
+/// Describes the volume in a file, also one with NaN and infinite samples where `options` give nothing to put in their
+/// place.
+///
+/// # Errors
+/// As [`read_volume`].
+pub fn describe_file(path: &Path, options: &ReadOptions) -> Result<VolumeInfo> {
+    let count = Cell::new(0);
+    let volume = read_volume(path, &ReadOptions { count_not_finite: Some(&count), ..options.clone() })?;
+    let mut info = describe(&volume);
+    let (odd, finite) = (count.get(), volume.grid().voxels() - count.get());
+    if odd == 0 {
+        return Ok(info);
+    }
+    info.not_finite = odd;
+    if finite == 0 {
+        (info.range, info.mean, info.histogram) = ([0.0; 2], 0.0, vec![0; BINS]);
+        return Ok(info);
+    }
+    // The smallest sample stands for them: at the upper end where the slope is negative.
+    let low = info.slope > 0.0;
+    let bin = if low || info.range[0] == info.range[1] { 0 } else { BINS - 1 };
+    info.histogram[bin] = info.histogram[bin].saturating_sub(odd);
+    let sum = info.mean * volume.grid().voxels() as f64 - odd as f64 * f64::from(info.range[usize::from(!low)]);
+    info.mean = sum / finite as f64;
+    Ok(info)
 }
 
 /// Describes a volume; reads all of its samples once.
@@ -66,6 +99,7 @@ pub fn describe(volume: &Volume) -> VolumeInfo {
         first_centre: map.transform_point3(glam::DVec3::splat(0.5)).to_array(),
         slope,
         intercept,
+        not_finite: 0,
         range,
         mean: sum / grid.voxels() as f64,
         histogram,

@@ -21,8 +21,8 @@ pub mod volume;
 
 pub use crate::aside::{write_aside, write_target};
 pub use exr::{read_picture_exr, write_exr};
-pub use info::{VolumeInfo, describe};
-pub use nrrd_field::{NrrdField, read_nrrd_field, write_nrrd_field};
+pub use info::{VolumeInfo, describe, describe_file};
+pub use nrrd_field::{NrrdField, is_nrrd_field, read_nrrd_field, write_nrrd_field};
 pub use paraview::{TransferOptions, read_transfer};
 pub use png::write_png;
 pub use probe::{is_probe, read_probe};

@@ -90,6 +90,18 @@ pub fn write_nrrd_field(
     })
 }
 
+/// Whether a file is a field as [`write_nrrd_field`] writes it, by its header.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read, [`Error::Format`] when it is no regular file.
+pub fn is_nrrd_field(path: &Path) -> Result<bool> {
+    let (mut file, _) = open(path)?;
+    // What has no readable header is for the readers of volumes to refuse.
+    let Ok(header) = header::read(path, &mut file) else { return Ok(false) };
+    let apart = header.kinds.first().is_some_and(|k| k == "vector") && header.directions.as_ref().is_some_and(|d| d[0].is_none());
+    Ok(apart && header.sizes.len() == 4 && header.kind == samples::SampleType::F32 && matches!(header.sizes[0], 1 | 4 | 9 | 16))
+}
+
 /// The grid of `dims` cells over the box of `grid`.
 fn cell_grid(grid: &Grid, dims: [usize; 3]) -> Result<Grid> {
     let n = grid.dims();

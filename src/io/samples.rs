@@ -121,6 +121,8 @@ const CHUNK: usize = 1 << 20;
 #[derive(Default)]
 struct NotFinite {
     replace: Option<f32>,
+    /// Leave them where they are.
+    keep: bool,
     count: u64,
     first: Option<(u64, f64)>,
 }
@@ -135,7 +137,7 @@ impl NotFinite {
         }
         self.count += 1;
         self.first.get_or_insert((index, value));
-        self.replace.unwrap_or(0.0)
+        if self.keep { v } else { self.replace.unwrap_or(0.0) }
     }
 
     fn report(&self, path: &Path, layout: &Layout) -> Result<()> {
@@ -168,7 +170,8 @@ pub(crate) fn read(path: &Path, mut source: Source, layout: &Layout, options: &R
     // The shortest number in text is a digit and a separator.
     let needs = if layout.text { total.saturating_mul(2).saturating_sub(1) } else { total.saturating_mul(layout.kind.bytes()) };
     source.check_claim(path, &what, needs)?;
-    let mut odd = NotFinite { replace: layout.replace, ..NotFinite::default() };
+    let count = options.count_not_finite.filter(|_| layout.replace.is_none());
+    let mut odd = NotFinite { replace: layout.replace, keep: count.is_some(), ..NotFinite::default() };
     let mut out = empty(layout.kind);
     if !source.is_gzip() && !layout.text {
         // The file was seen to hold them all.
@@ -180,8 +183,21 @@ pub(crate) fn read(path: &Path, mut source: Source, layout: &Layout, options: &R
         read_binary(path, &mut source, layout, &mut out, &mut odd, length, options)?;
         source.finish(path)?;
     }
-    odd.report(path, layout)?;
+    match count {
+        None => odd.report(path, layout)?,
+        Some(count) => {
+            count.set(odd.count);
+            stand_in(&mut out);
+        }
+    }
     Ok(out)
+}
+
+/// Puts the smallest finite sample, or 0, in the place of those that are not finite.
+fn stand_in(samples: &mut Samples) {
+    let Samples::F32(samples) = samples else { return };
+    let least = samples.iter().copied().filter(|v| v.is_finite()).reduce(f32::min).unwrap_or(0.0);
+    samples.iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = least);
 }
 
 fn read_binary(

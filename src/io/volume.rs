@@ -6,6 +6,7 @@ use super::{nifti, nrrd, raw};
 use crate::error::{Error, Result};
 use crate::scene::Volume;
 use flate2::bufread::GzDecoder;
+use std::cell::Cell;
 use std::io::Seek;
 use std::path::Path;
 
@@ -36,13 +37,16 @@ pub struct ReadOptions<'a> {
     pub max_bytes: u64,
     /// Lets a header name a data file outside its own folder.
     pub allow_outside: bool,
+    /// Counts NaN and infinite samples where they would be an error; the smallest finite sample stands for them (0 where
+    /// there is none).
+    pub count_not_finite: Option<&'a Cell<u64>>,
     /// Called with the fraction read, ascending to 1.
     pub progress: Option<&'a dyn Fn(f64)>,
 }
 
 impl Default for ReadOptions<'_> {
     fn default() -> Self {
-        Self { raw: None, nan_as: None, max_bytes: 16 << 30, allow_outside: false, progress: None }
+        Self { raw: None, nan_as: None, max_bytes: 16 << 30, allow_outside: false, count_not_finite: None, progress: None }
     }
 }
 
