@@ -264,7 +264,7 @@ pub struct ImageSettings {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Step of the viewing ray, in voxels ([`Grid::voxel_length`]).
+    /// Step of the viewing ray, in voxels ([`super::Grid::voxel_length`]).
     pub step: f64,
     /// What is seen beside and through the volume.
     pub background: Background,
