@@ -15,7 +15,7 @@ use halflight::scene::visibility::Method;
 use halflight::scene::{Camera, ImageSettings, Light, Matter, Picture, Probe, Shading, Surface, Transfer, Visibility, Volume};
 use halflight::stages::directions::Directions;
 use halflight::stages::raymarch::View;
-use halflight::stages::{classify, hierarchical, isosurface, march, minify, pack, raymarch, relight, twin};
+use halflight::stages::{classify, hierarchical, isosurface, march, minify, pack, raymarch, relight, sweep, twin};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -156,6 +156,10 @@ fn check_estimators(b: &Bench) {
     let pyramid = b.engine.read_pyramid(&b.dvr, &settings).expect("pyramid");
     let twin = hierarchical::reference(grid, &pyramid, dims, &cells, &set, settings.growth);
     agree("hierarchical", b.estimate(&settings, &cells).as_flattened(), twin.as_flattened(), tolerance);
+    let settings = b.settings(Method::Sweep);
+    let all = sweep::reference(&b.volume, &b.table, dims, &set, settings.near, f64::from(settings.step) * grid.voxel_length());
+    let twin: Vec<[f32; 16]> = cells.iter().map(|&c| all[c as usize]).collect();
+    agree("sweep", b.estimate(&settings, &cells).as_flattened(), twin.as_flattened(), tolerance);
 }
 
 /// The packed field against the twin's packing of the estimates.
@@ -194,9 +198,9 @@ fn check_raymarch(b: &Bench, lit: &Lit) {
     };
     let picture = b.render(&b.dvr, lit);
     for pixel in b.pixels() {
-        let [r, g, blue, t] = raymarch::reference(&b.volume, &b.table, &b.view, pixel, b.volume.grid().voxel_length(), light_at);
+        let [r, g, blue, depth] = raymarch::reference(&b.volume, &b.table, &b.view, pixel, b.volume.grid().voxel_length(), light_at);
         // A ray may end one step earlier (1e-3 of what is left).
-        agree("raymarch", &picture.rgba[pixel[0] + IMAGE.width * pixel[1]], &[r, g, blue, 1.0 - t], 2e-3);
+        agree("raymarch", &picture.rgba[pixel[0] + IMAGE.width * pixel[1]], &[r, g, blue, -(-depth).exp_m1()], 2e-3);
     }
 }
 
@@ -269,6 +273,7 @@ fn configure(group: &mut BenchmarkGroup<'_, WallTime>) {
 fn benches(c: &mut Criterion) {
     let b = Bench::new();
     let (march, hierarchical) = (b.settings(Method::March), b.settings(Method::Hierarchical));
+    let swept = b.settings(Method::Sweep);
     // One direction leaves little to do but packing.
     let once = Visibility { directions: 1, ..hierarchical.clone() };
     check_pyramid(&b);
@@ -300,6 +305,7 @@ fn benches(c: &mut Criterion) {
     b.time(g, true, &["classify", "minify"], "pyramid, voxels", voxels, pyramid);
     b.time(g, true, &["march"], "march, cells x directions", rays, || drop(b.estimate(&march, &cells)));
     b.time(g, true, &["hierarchical"], "hierarchical, cells x directions", rays, || drop(b.estimate(&hierarchical, &cells)));
+    b.time(g, true, &["sweep"], "sweep, cells x directions", rays, || drop(b.estimate(&swept, &cells)));
     b.time(g, true, &["pack"], "pack, cells", cells.len(), || precompute(&once));
     let relight = || drop(b.engine.relight(&field, &b.light).expect("relight"));
     b.time(g, true, &["relight"], "relight, cells", cells.len(), relight);
