@@ -527,6 +527,11 @@ fn too_little_memory_is_5_and_an_unknown_device_4() {
     let out = halflight(&f.0, &["render", "scene.toml", "-o", "x.png", "--memory", "1K"]);
     let stderr = String::from_utf8(out.stderr).unwrap();
     assert_eq!(out.status.code(), Some(5), "{stderr}");
-    assert!(stderr.contains("needs 3.0 KiB of device memory, 1.0 KiB of 1.0 KiB are free") && !f.0.join("x.png").exists(), "{stderr}");
+    assert!(
+        stderr.contains("the scene needs 1.1 MiB of device memory, 1.0 KiB of 1.0 KiB are free")
+            && stderr.contains("resample")
+            && !f.0.join("x.png").exists(),
+        "{stderr}"
+    );
     fails(&f, &["render", "scene.toml", "-o", "x.png", "--device", "no such device"], 4, "no such device");
 }
