@@ -1,5 +1,5 @@
-// relight: field x light -> irradiance volume, the light brought to the range of half floats by the caller. S/albedo = 1/(4 pi) sum v_lm L_lm per colour channel (isotropic phase
-// function); alpha holds the mean visibility v_00/(2 sqrt(pi)). The dot product is linear, so filtering its result
+// relight: field x light -> irradiance volume, the light brought to the range of half floats by the caller.
+// S/albedo = 1/(4 pi) sum v_lm L_lm per colour channel (isotropic phase function); alpha holds the mean visibility v_00/(2 sqrt(pi)). The dot product is linear, so filtering its result
 // afterwards is exact. Counted: 4 texels read, 48 multiply-adds, 8 bytes written per cell.
 #version 460
 #extension GL_GOOGLE_include_directive : require

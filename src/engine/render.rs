@@ -22,7 +22,7 @@ impl Engine {
     /// # Errors
     /// [`Error::Invalid`] for an unusable camera or picture, [`Error::Cancelled`].
     pub fn render(&self, medium: &Medium, lit: &Lit, camera: &Camera, image: &ImageSettings, progress: &mut Progress) -> Result<Picture> {
-        self.render_parts(medium, lit, camera, image, progress).map(|(picture, _)| picture)
+        self.render_with_distance(medium, lit, camera, image, progress).map(|(picture, _)| picture)
     }
 
     /// Renders the isosurface and says how far it lies: world distance from the camera to the hit per pixel, −1 where
@@ -31,17 +31,6 @@ impl Engine {
     /// # Errors
     /// As [`Engine::render`].
     pub fn render_with_distance(
-        &self,
-        medium: &Medium,
-        lit: &Lit,
-        camera: &Camera,
-        image: &ImageSettings,
-        progress: &mut Progress,
-    ) -> Result<(Picture, Vec<f32>)> {
-        self.render_parts(medium, lit, camera, image, progress)
-    }
-
-    fn render_parts(
         &self,
         medium: &Medium,
         lit: &Lit,

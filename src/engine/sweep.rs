@@ -4,6 +4,7 @@ use super::{Engine, Medium, Pacer};
 use crate::error::Result;
 use crate::scene::visibility::Sampling;
 use crate::scene::{Grid, Visibility};
+use crate::stages::cell_size;
 use crate::stages::directions::Directions;
 use crate::stages::pack::groups as coefficient_groups;
 use crate::stages::sweep::{self, Group, Slice, Sweep};
@@ -31,7 +32,7 @@ impl Engine {
     pub(super) fn sweep(&self, medium: &Medium, settings: &Visibility, tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<[Image; 4]> {
         let grid = medium.grid();
         let dims = grid.field_dims(settings.ratio as usize);
-        let size = sweep::cell_size(grid, dims);
+        let size = cell_size(grid, dims);
         let step_length = f64::from(settings.step) * grid.voxel_length();
         let mut set = Directions::new(settings.directions, Sampling::Stratified, grid);
         let groups = sweep::groups(&mut set.table, size);

@@ -36,8 +36,7 @@ pub struct Run<'a> {
 impl Run<'_> {
     /// Voxels per field cell along each axis.
     pub fn cell_size(&self) -> [f32; 3] {
-        let n = self.grid.dims();
-        std::array::from_fn(|a| n[a] as f32 / self.field_dims[a] as f32)
+        super::cell_size(self.grid, self.field_dims)
     }
 }
 

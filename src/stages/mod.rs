@@ -66,7 +66,7 @@ pub struct MediumView<'a> {
     pub map: (f32, f32),
 }
 
-/// (width, width·height …) of dims as the kernels take them.
+/// Dims as the kernels take them.
 pub(crate) fn dims_u32(dims: [usize; 3]) -> [u32; 3] {
     dims.map(|n| n as u32)
 }
@@ -74,6 +74,12 @@ pub(crate) fn dims_u32(dims: [usize; 3]) -> [u32; 3] {
 /// Dims as floats.
 pub(crate) fn dims_f32(dims: [usize; 3]) -> [f32; 3] {
     dims.map(|n| n as f32)
+}
+
+/// Voxels per field cell along each axis.
+pub(crate) fn cell_size(grid: &Grid, field_dims: [usize; 3]) -> [f32; 3] {
+    let n = grid.dims();
+    std::array::from_fn(|a| n[a] as f32 / field_dims[a] as f32)
 }
 
 /// Slices per dispatch so that a dispatch touches at most `voxels` voxels.

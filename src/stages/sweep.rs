@@ -4,11 +4,11 @@
 //! and direction does not grow with the volume; the error is that of interpolating T from slice to slice.
 
 use super::directions::{Direction, Directions};
-use super::{MediumView, dims_f32, dims_u32, twin};
+use super::{MediumView, cell_size, dims_f32, dims_u32, twin};
 use crate::error::Result;
 use crate::kernels::{gather, sweep as kernel};
+use crate::scene::Volume;
 use crate::scene::transfer::Table;
-use crate::scene::{Grid, Volume};
 use crate::vk::{Buffer, Image, Recorder};
 
 /// Directions of one major axis and sign, a run of the sorted table.
@@ -22,12 +22,6 @@ pub struct Group {
     pub first: u32,
     /// Directions.
     pub count: u32,
-}
-
-/// Voxels per field cell.
-pub fn cell_size(grid: &Grid, field_dims: [usize; 3]) -> [f32; 3] {
-    let n = grid.dims();
-    std::array::from_fn(|a| n[a] as f32 / field_dims[a] as f32)
 }
 
 /// Sorts a table of directions by major axis and sign, measured in cells, and says where each group stands.
