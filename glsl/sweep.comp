@@ -1,22 +1,26 @@
 // sweep: short characteristics. For the directions of one group (same major axis and sign) slices are swept from the side
-// that the rays leave by: T(x) = exp(-tau(x -> next slice)) * bilinear(T of the next slice), tau marched densely through
-// the volume. V takes NEAR such segments before it trusts the swept T, which diffuses from slice to slice.
-// One invocation is one cell of the slice; it takes a batch of directions and keeps its 16 sums in registers.
-// Counted per cell and direction: NEAR * (cell edge .. sqrt(3) cell edges)/step taps and table lookups, 4 loads for each
-// of 1 or 2 bilinear values, 2 exp, one store, 16 multiply-adds.
+// that the rays leave by: T(x) = exp(-tau(x -> next slice)) * bilinear(T of that slice). tau is marched densely through the
+// volume, pre-integrated between taps (exact where the scalar is linear between them), and a ray is marched on over up to
+// NEAR slices wherever the four values that would be interpolated differ: T interpolated where it is smooth does not
+// diffuse. One invocation is four neighbouring cells of a row, a component of a vec4 each; they share loads, and keep
+// their 4 x 16 sums in registers over a batch of directions. Eight neighbouring invocations are a tile of 8 x 4 cells.
+// Counted per cell and direction, in the first slice: (cell edge .. sqrt(3) cell edges)/step taps with 2 table loads each
+// where matter is near, none elsewhere; 2.5 loads of T, 2 of the direction, 1 store, 16 multiply-adds, 40 flops of SH.
 // readwrite: transmittance, sums0, sums1, sums2, sums3
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"
+#include "sh.glsl"
 
 layout(local_size_x = 64) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
-layout(constant_id = 1) const uint NEAR = 1; // slices marched densely before the swept value
+layout(constant_id = 1) const uint NEAR = 1; // slices marched densely at most
+layout(constant_id = 2) const uint AXIS = 2; // major axis of the group: slices stand across it
 
 struct Direction {
-    vec4 voxel;
-    vec4 basis[4];
+    vec4 voxel; // xyz: direction in voxel space, of world length 1
+    vec4 world; // xyz: the same in the world, of length 1
 };
 
 layout(set = 0, binding = 0, std430) readonly buffer Directions { Direction directions[]; };
@@ -24,10 +28,11 @@ layout(set = 0, binding = 1) uniform sampler3D volume;
 layout(set = 0, binding = 2, std430) readonly buffer Sigma { float sigma[]; };
 // Ring of NEAR + 1 slices x directions of the batch x cells of a slice.
 layout(set = 0, binding = 3, std430) buffer Transmittance { float transmittance[]; };
-layout(set = 0, binding = 4, rgba32f) uniform image3D sums0;
-layout(set = 0, binding = 5, rgba32f) uniform image3D sums1;
-layout(set = 0, binding = 6, rgba32f) uniform image3D sums2;
-layout(set = 0, binding = 7, rgba32f) uniform image3D sums3;
+layout(set = 0, binding = 4) uniform usampler3D cell_map; // clear cells around (4 bits), slot in the sums + 1 (0: not wanted)
+layout(set = 0, binding = 5, rgba32f) uniform image3D sums0;
+layout(set = 0, binding = 6, rgba32f) uniform image3D sums1;
+layout(set = 0, binding = 7, rgba32f) uniform image3D sums2;
+layout(set = 0, binding = 8, rgba32f) uniform image3D sums3;
 
 layout(push_constant) uniform Params {
     vec3 cell_size;      // voxels
@@ -36,17 +41,18 @@ layout(push_constant) uniform Params {
     float map_scale;
     uvec3 field_dims;
     float map_bias;
-    uint axis;           // major axis of the group: slices stand across it
     uint slice;
     uint ring_slot;      // slot that this slice writes; the slice swept m before stands m slots behind
     uint first_direction;
     uint direction_count;
     uint begin;          // 1: the sums are fresh
+    float smoothness;    // difference of neighbouring T that is interpolated rather than marched through
 };
-#include "medium.glsl"
-#include "ray.glsl"
 
-// Optical depth from distance a to b along the ray, by the midpoint rule with even steps of at most step_length.
+#include "medium.glsl"
+#include "slots.glsl"
+
+// Optical depth along the ray from distance a to b, by the midpoint rule with even steps of at most step_length.
 float optical_depth(vec3 x, vec3 d, float a, float b, vec3 scale) {
     float n = ceil((b - a) / step_length - 1e-3);
     float s = (b - a) / max(n, 1.0);
@@ -55,74 +61,126 @@ float optical_depth(vec3 x, vec3 d, float a, float b, vec3 scale) {
     return sum * s;
 }
 
+// Cells 0..3 of this invocation along the row.
+const vec4 FOUR = vec4(0.0, 1.0, 2.0, 3.0);
+
+// Values of T in columns base .. base + 4 of a row of the ring, the ends repeated.
+#define LOAD(i) transmittance[start + clamp(base + i, 0, last)]
+
 void main() {
-    uint row = axis == 0u ? 1u : 0u;    // axes that span the slice
-    uint column = axis == 2u ? 1u : 2u;
+    // Axes that span the slice. All indices below are constants once AXIS is.
+    const uint row = AXIS == 0u ? 1u : 0u;
+    const uint column = AXIS == 2u ? 1u : 2u;
     uint width = field_dims[row];
     uint height = field_dims[column];
-    uint i = gl_GlobalInvocationID.x;
     uint area = width * height;
-    if (i >= area) return;
-    vec2 place = vec2(float(i % width), float(i / width));
-    uvec3 cell;
-    cell[axis] = slice;
-    cell[row] = i % width;
-    cell[column] = i / width;
-    vec3 x = (vec3(cell) + 0.5) * cell_size;
-    vec3 scale = 1.0 / volume_dims;
-    vec2 last = vec2(float(width) - 1.0, float(height) - 1.0);
+    // A workgroup is 16 x 16 cells.
+    uint tiles = (width + 15u) / 16u;
+    uint l = gl_LocalInvocationID.x;
+    uvec2 at = 16u * uvec2(gl_WorkGroupID.x % tiles, gl_WorkGroupID.x / tiles);
+    at += uvec2(8u * (l >> 3 & 1u) + 4u * (l & 1u), 4u * (l >> 4) + (l >> 1 & 3u));
+    if (at.x >= width || at.y >= height) return;
 
-    vec4 s0 = vec4(0.0);
-    vec4 s1 = vec4(0.0);
-    vec4 s2 = vec4(0.0);
-    vec4 s3 = vec4(0.0);
+    vec3 scale = 1.0 / volume_dims;
+    uvec3 first;
+    first[AXIS] = slice;
+    first[row] = at.x;
+    first[column] = at.y;
+    vec3 x = (vec3(first) + 0.5) * cell_size; // centre of the first of the four cells
+    vec3 next = vec3(0.0);                    // from each to the next
+    next[row] = cell_size[row];
+    ivec3 p0 = ivec3(first);
+    ivec3 p1 = p0;
+    ivec3 p2 = p0;
+    ivec3 p3 = p0;
+    int last = int(width) - 1;
+    p1[row] = min(p0[row] + 1, last);
+    p2[row] = min(p0[row] + 2, last);
+    p3[row] = min(p0[row] + 3, last);
+    uvec4 info = uvec4(texelFetch(cell_map, p0, 0).x, texelFetch(cell_map, p1, 0).x, texelFetch(cell_map, p2, 0).x, texelFetch(cell_map, p3, 0).x);
+    // What stands beyond the row is neither marched nor stored.
+    bvec4 stored = lessThan(uvec4(FOUR) + at.x, uvec4(width));
+    uvec4 clear = mix(uvec4(15u), info & 15u, stored);
+    vec4 row_place = FOUR + float(at.x);
+    float last_row = float(height) - 1.0;
+
+    vec4 s[16];
+    for (int i = 0; i < 16; i++) s[i] = vec4(0.0);
     for (uint k = 0u; k < direction_count; k++) {
         vec3 d = directions[first_direction + k].voxel.xyz;
-        vec3 room = (mix(vec3(0.0), volume_dims, greaterThan(d, vec3(0.0))) - x) / d;
-        float end = min(min(room.x, room.y), room.z);
-        float ds = cell_size[axis] / abs(d[axis]); // world distance from slice to slice
+        float ds = cell_size[AXIS] / abs(d[AXIS]); // world distance from slice to slice
         vec2 shift = vec2(d[row] / cell_size[row], d[column] / cell_size[column]) * ds;
+        vec3 wall = mix(vec3(0.0), volume_dims, greaterThan(d, vec3(0.0))) - x;
+        float room = min(wall[AXIS] / d[AXIS], wall[column] / d[column]);
+        vec4 end = min(vec4(room), (wall[row] - FOUR * cell_size[row]) / d[row]);
 
-        float depth = 0.0;
-        float v = 0.0;
+        vec4 depth = vec4(0.0);
+        vec4 v = vec4(0.0);
+        uint slot = ring_slot;
         for (uint m = 1u; m <= NEAR; m++) {
             float a = float(m - 1u) * ds;
-            float b = min(float(m) * ds, end);
-            if (b > a) depth += optical_depth(x, d, a, b, scale);
-            float beyond = 1.0; // the ray has left the volume
-            if (float(m) * ds < end) {
-                vec2 wanted = place + float(m) * shift;
-                vec2 q = clamp(wanted, vec2(0.0), last);
-                // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
-                vec2 inside = 1.0 - clamp(2.0 * abs(wanted - q), 0.0, 1.0);
-                vec2 base = min(floor(q), max(last - 1.0, vec2(0.0)));
-                vec2 f = q - base;
-                uint slot = (ring_slot + NEAR + 1u - m) % (NEAR + 1u);
-                uint at = (slot * direction_count + k) * area + uint(base.y) * width + uint(base.x);
-                uint right = width > 1u ? 1u : 0u;
-                uint below = height > 1u ? width : 0u;
-                float upper = mix(transmittance[at], transmittance[at + right], f.x);
-                float lower = mix(transmittance[at + below], transmittance[at + below + right], f.x);
-                beyond = mix(1.0, mix(upper, lower, f.y), inside.x * inside.y);
+            vec4 b = min(vec4(float(m) * ds), end);
+            bvec4 dense = lessThan(clear, uvec4(m));
+            if (dense.x) depth.x += optical_depth(x, d, a, b.x, scale);
+            if (dense.y) depth.y += optical_depth(x + next, d, a, b.y, scale);
+            if (dense.z) depth.z += optical_depth(x + 2.0 * next, d, a, b.z, scale);
+            if (dense.w) depth.w += optical_depth(x + 3.0 * next, d, a, b.w, scale);
+            // Four cells in a row interpolate among five values in each of two rows.
+            vec2 moved = float(m) * shift;
+            ivec2 near_cell = ivec2(at) + ivec2(floor(moved));
+            vec2 f = fract(moved);
+            slot = slot == 0u ? NEAR : slot - 1u;
+            int plane = int((slot * direction_count + k) * area);
+            int base = near_cell.x;
+            int start = plane + clamp(near_cell.y, 0, int(height) - 1) * int(width);
+            vec4 ul = vec4(LOAD(0), LOAD(1), LOAD(2), LOAD(3));
+            vec4 ur = vec4(ul.yzw, LOAD(4));
+            start = plane + clamp(near_cell.y + 1, 0, int(height) - 1) * int(width);
+            vec4 ll = vec4(LOAD(0), LOAD(1), LOAD(2), LOAD(3));
+            vec4 lr = vec4(ll.yzw, LOAD(4));
+            vec4 swept = mix(mix(ul, ur, f.x), mix(ll, lr, f.x), f.y);
+            // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
+            vec4 place_x = row_place + moved.x;
+            float place_y = float(at.y) + moved.y;
+            vec4 out_x = max(max(-place_x, place_x - float(last)), vec4(0.0));
+            float out_y = max(max(-place_y, place_y - last_row), 0.0);
+            vec4 inside = clamp(1.0 - 2.0 * out_x, 0.0, 1.0) * clamp(1.0 - 2.0 * out_y, 0.0, 1.0);
+            bvec4 left = greaterThanEqual(vec4(float(m) * ds), end); // the ray has left the volume
+            vec4 through = exp(-depth);
+            v = through * mix(mix(vec4(1.0), swept, inside), vec4(1.0), left);
+            if (m < NEAR) {
+                vec4 spread = through * (max(max(ul, ur), max(ll, lr)) - min(min(ul, ur), min(ll, lr)));
+                if (!any(greaterThan(mix(vec4(0.0), spread, stored), vec4(smoothness)))) break;
             }
-            v = exp(-depth) * beyond;
-            if (m == 1u) transmittance[(ring_slot * direction_count + k) * area + i] = v;
         }
-        s0 += v * directions[first_direction + k].basis[0];
-        if (BANDS > 2) s1 += v * directions[first_direction + k].basis[1];
-        if (BANDS > 2) s2 += v * directions[first_direction + k].basis[2];
-        if (BANDS > 3) s3 += v * directions[first_direction + k].basis[3];
+        uint own = (ring_slot * direction_count + k) * area + at.y * width + at.x;
+        transmittance[own] = v.x;
+        if (stored.y) transmittance[own + 1u] = v.y;
+        if (stored.z) transmittance[own + 2u] = v.z;
+        if (stored.w) transmittance[own + 3u] = v.w;
+        float y[16];
+        sh_basis(directions[first_direction + k].world.xyz, y);
+        s[0] += v * y[0];
+        if (BANDS > 1) for (int i = 1; i < 4; i++) s[i] += v * y[i];
+        if (BANDS > 2) for (int i = 4; i < 9; i++) s[i] += v * y[i];
+        if (BANDS > 3) for (int i = 9; i < 16; i++) s[i] += v * y[i];
     }
 
-    ivec3 p = ivec3(cell);
-    if (begin == 0u) {
-        s0 += imageLoad(sums0, p);
-        if (BANDS > 2) s1 += imageLoad(sums1, p);
-        if (BANDS > 2) s2 += imageLoad(sums2, p);
-        if (BANDS > 3) s3 += imageLoad(sums3, p);
+    for (uint j = 0u; j < 4u; j++) {
+        uint slot = info[j] >> 4;
+        if (slot == 0u || !stored[j]) continue;
+        ivec3 p = slot_place(slot - 1u);
+        vec4 a = vec4(s[0][j], s[1][j], s[2][j], s[3][j]);
+        imageStore(sums0, p, begin == 0u ? a + imageLoad(sums0, p) : a);
+        if (BANDS > 2) {
+            a = vec4(s[4][j], s[5][j], s[6][j], s[7][j]);
+            imageStore(sums1, p, begin == 0u ? a + imageLoad(sums1, p) : a);
+            a = vec4(s[8][j], s[9][j], s[10][j], s[11][j]);
+            imageStore(sums2, p, begin == 0u ? a + imageLoad(sums2, p) : a);
+        }
+        if (BANDS > 3) {
+            a = vec4(s[12][j], s[13][j], s[14][j], s[15][j]);
+            imageStore(sums3, p, begin == 0u ? a + imageLoad(sums3, p) : a);
+        }
     }
-    imageStore(sums0, p, s0);
-    if (BANDS > 2) imageStore(sums1, p, s1);
-    if (BANDS > 2) imageStore(sums2, p, s2);
-    if (BANDS > 3) imageStore(sums3, p, s3);
 }

@@ -50,7 +50,7 @@ enum Estimator {
     /// The opacity pyramid.
     Hierarchical(Image),
     /// The sums of every cell.
-    Sweep([Image; 4]),
+    Sweep(super::sweep::Swept),
 }
 
 impl Engine {
@@ -228,7 +228,7 @@ impl Engine {
                     Estimator::Sweep(swept) => {
                         // All directions were swept for all cells: only collect them.
                         run.direction_count = n;
-                        sweep::record_gather(&mut rec, &run, swept.each_ref())?;
+                        sweep::record_gather(&mut rec, &run, &swept.cell_map, swept.sums.each_ref())?;
                     }
                 }
                 // The next run of directions adds to the same sums.

@@ -2,10 +2,9 @@
 
 use super::{Engine, Medium, Pacer};
 use crate::error::Result;
-use crate::scene::visibility::Sampling;
 use crate::scene::{Grid, Visibility};
 use crate::stages::cell_size;
-use crate::stages::directions::Directions;
+use crate::stages::cells::{self, CellMap};
 use crate::stages::pack::groups as coefficient_groups;
 use crate::stages::sweep::{self, Group, Slice, Sweep};
 use crate::vk::{Access, Format, Image, ImageDesc};
@@ -19,7 +18,7 @@ const RING: u64 = 64 << 20;
 pub fn memory(grid: &Grid, settings: &Visibility) -> u64 {
     let dims = grid.field_dims(settings.ratio as usize);
     let cells: u64 = dims.iter().map(|&n| n as u64).product();
-    cells * 16 * coefficient_groups(settings.bands) as u64 + RING.min(ring_bytes(dims, settings.near) * u64::from(settings.directions))
+    cells * 4 + cells::slot_dims(cells as usize).iter().map(|&n| u64::from(n)).product::<u64>() * 16 * coefficient_groups(settings.bands) as u64 + RING.min(ring_bytes(dims, settings.near) * u64::from(settings.directions))
 }
 
 /// Bytes of the ring per direction, for the largest slice.
@@ -27,23 +26,46 @@ fn ring_bytes(dims: [usize; 3], near: u32) -> u64 {
     (0..3).map(|a| sweep::slice_cells(dims, a) as u64).max().unwrap_or(1) * 4 * (u64::from(near) + 1)
 }
 
+/// The sums of a sweep, readable, and where each cell's stand.
+pub(super) struct Swept {
+    pub cell_map: Image,
+    pub sums: [Image; 4],
+}
+
+/// Difference of neighbouring T that is interpolated.
+const SMOOTHNESS: f32 = 0.1;
+
 impl Engine {
     /// Sums of V·Y of every cell, one image per four coefficients, readable. `tell` is given the fraction done.
-    pub(super) fn sweep(&self, medium: &Medium, settings: &Visibility, tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<[Image; 4]> {
+    pub(super) fn sweep(&self, medium: &Medium, settings: &Visibility, tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<Swept> {
         let grid = medium.grid();
         let dims = grid.field_dims(settings.ratio as usize);
         let size = cell_size(grid, dims);
         let step_length = f64::from(settings.step) * grid.voxel_length();
-        let mut set = Directions::new(settings.directions, Sampling::Stratified, grid);
-        let groups = sweep::groups(&mut set.table, size);
-        let directions = self.device.buffer_from("directions", &set.table)?;
+        let mut rays = sweep::rays(settings.directions, grid);
+        let groups = sweep::groups(&mut rays, size);
+        let directions = self.device.buffer_from("directions", &rays)?;
+        let map = CellMap::everywhere(dims);
+        let cell_map = self.device.image3(&ImageDesc {
+            name: "cell map",
+            dims: dims.map(|n| n as u32),
+            levels: 1,
+            format: Format::R32Uint,
+            views: &[],
+            storage: false,
+        })?;
+        let area = dims[0] * dims[1];
+        self.device.write_image(&cell_map, 0, &mut |z, bytes| {
+            let first = z as usize * area;
+            bytes.copy_from_slice(bytemuck::cast_slice(&map.texels[first..first + bytes.len() / 4]));
+        })?;
 
         let kept = coefficient_groups(settings.bands);
         let image = |g: usize| {
             self.device.image3(&ImageDesc {
                 name: ["sums 0", "sums 1", "sums 2", "sums 3"][g],
                 // Coefficients beyond the bands are bound and never touched.
-                dims: if g < kept { dims.map(|n| n as u32) } else { [1; 3] },
+                dims: if g < kept { cells::slot_dims(map.wanted) } else { [1; 3] },
                 levels: 1,
                 format: Format::Rgba32Sfloat,
                 views: &[],
@@ -62,9 +84,11 @@ impl Engine {
             field_dims: dims,
             directions: &directions,
             transmittance: &ring,
+            cell_map: &cell_map,
             sums: sums.each_ref(),
             bands: settings.bands,
             near: settings.near,
+            smoothness: SMOOTHNESS,
         };
 
         let mut rec = self.device.record()?;
@@ -110,6 +134,6 @@ impl Engine {
         // The finished sums are only read from here on.
         rec.barrier(&sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeRead)));
         rec.submit()?;
-        Ok(sums)
+        Ok(Swept { cell_map, sums })
     }
 }

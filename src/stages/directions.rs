@@ -41,10 +41,31 @@ impl Directions {
 }
 
 fn tabulate(world: DVec3, voxel: DVec3) -> Direction {
-    // A component of exactly 0 would make the slab test divide 0 by 0.
+    Direction { voxel: safe_voxel(voxel), basis: sh::basis(world).map(|y| y as f32) }
+}
+
+/// A voxel-space direction as the kernels take it: a component of exactly 0 would make the slab test divide 0 by 0.
+pub(crate) fn safe_voxel(voxel: DVec3) -> [f32; 4] {
     let least = 1e-7 * voxel.abs().max_element();
     let safe = |v: f64| if v.abs() < least { least } else { v } as f32;
-    Direction { voxel: [safe(voxel.x), safe(voxel.y), safe(voxel.z), 0.0], basis: sh::basis(world).map(|y| y as f32) }
+    [safe(voxel.x), safe(voxel.y), safe(voxel.z), 0.0]
+}
+
+/// The same directions in an order whose every beginning is well spread: each next one stands where the potential
+/// Σ 1/|d − dᵢ| of those before is least (greedy minimal energy). N² work.
+pub fn spread(set: &[DVec3]) -> Vec<DVec3> {
+    let mut potential = vec![0.0; set.len()];
+    let mut out = Vec::with_capacity(set.len());
+    for _ in 0..set.len() {
+        let best = (0..set.len()).min_by(|&a, &b| f64::total_cmp(&potential[a], &potential[b])).unwrap_or(0);
+        let chosen = set[best];
+        for (p, d) in potential.iter_mut().zip(set) {
+            *p += 1.0 / d.distance(chosen).max(1e-12);
+        }
+        potential[best] = f64::INFINITY;
+        out.push(chosen);
+    }
+    out
 }
 
 /// Spherical Fibonacci set: equal areas, each point at the middle of its z-stratum, turned by the golden angle.

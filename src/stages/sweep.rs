@@ -1,15 +1,34 @@
 //! sweep: short characteristics. For a direction ω with major axis a, slices across a are swept from the side that ω
-//! leaves by: T(x) = exp(−τ(x → next slice)) · bilinear(T of the next slice), τ marched densely through the volume with
-//! classification after interpolation. V(x, ω) takes `near` such segments before it trusts the swept T. The cost per cell
-//! and direction does not grow with the volume; the error is that of interpolating T from slice to slice.
+//! leaves by: T(x) = exp(−τ(x → next slice)) · bilinear(T of that slice). τ is marched densely through the volume
+//! with classification after interpolation, and on over up to `near` slices wherever the four values that would be interpolated differ by more than `smoothness`. The cost
+//! per cell and direction does not grow with the volume; the error is that of interpolating T from slice to slice.
 
-use super::directions::{Direction, Directions};
+use super::directions::{fibonacci, safe_voxel, spread};
 use super::{MediumView, cell_size, dims_f32, dims_u32, twin};
 use crate::error::Result;
 use crate::kernels::{gather, sweep as kernel};
-use crate::scene::Volume;
 use crate::scene::transfer::Table;
+use crate::scene::{Grid, Volume, sh};
 use crate::vk::{Buffer, Image, Recorder};
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+/// One direction, as the kernel reads it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Ray {
+    /// xyz: direction in voxel space, of world length 1; no component is 0.
+    pub voxel: [f32; 4],
+    /// xyz: the same in the world.
+    pub world: [f32; 4],
+}
+
+/// `n` well-spread directions (spherical Fibonacci) in an order whose every beginning is well spread too.
+pub fn rays(n: u32, grid: &Grid) -> Vec<Ray> {
+    let to_voxel = grid.world_to_voxel().matrix3;
+    let ray = |w: DVec3| Ray { voxel: safe_voxel(to_voxel * w), world: [w.x as f32, w.y as f32, w.z as f32, 0.0] };
+    spread(&fibonacci(n)).into_iter().map(ray).collect()
+}
 
 /// Directions of one major axis and sign, a run of the sorted table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,16 +43,16 @@ pub struct Group {
     pub count: u32,
 }
 
-/// Sorts a table of directions by major axis and sign, measured in cells, and says where each group stands.
-pub fn groups(directions: &mut [Direction], cell_size: [f32; 3]) -> Vec<Group> {
-    let key = |d: &Direction| -> (usize, bool) {
+/// Sorts directions by major axis and sign, measured in cells, and says where each group stands.
+pub fn groups(rays: &mut [Ray], cell_size: [f32; 3]) -> Vec<Group> {
+    let key = |d: &Ray| -> (usize, bool) {
         let cells: [f32; 3] = std::array::from_fn(|a| (d.voxel[a] / cell_size[a]).abs());
         let axis = if cells[0] >= cells[1] && cells[0] >= cells[2] { 0 } else { 1 + usize::from(cells[2] > cells[1]) };
         (axis, d.voxel[axis] > 0.0)
     };
-    directions.sort_by_key(key);
+    rays.sort_by_key(key);
     let mut groups: Vec<Group> = Vec::new();
-    for (i, d) in directions.iter().enumerate() {
+    for (i, d) in rays.iter().enumerate() {
         let (axis, rising) = key(d);
         match groups.last_mut() {
             Some(g) if (g.axis, g.rising) == (axis, rising) => g.count += 1,
@@ -43,25 +62,34 @@ pub fn groups(directions: &mut [Direction], cell_size: [f32; 3]) -> Vec<Group> {
     groups
 }
 
+/// Axes that span a slice across `axis`: along a row, and from row to row.
+pub fn plane(axis: usize) -> [usize; 2] {
+    [usize::from(axis == 0), if axis == 2 { 1 } else { 2 }]
+}
+
 /// Cells of a slice across `axis`.
 pub fn slice_cells(field_dims: [usize; 3], axis: usize) -> usize {
-    field_dims.iter().product::<usize>() / field_dims[axis]
+    plane(axis).iter().map(|&a| field_dims[a]).product()
 }
 
 /// What a sweep reads and writes.
 pub struct Sweep<'a> {
     /// Cells of the field along x, y, z.
     pub field_dims: [usize; 3],
-    /// Sorted table of [`Direction`].
+    /// Sorted table of [`Ray`].
     pub directions: &'a Buffer,
     /// (near + 1) slices × directions of a batch × cells of a slice, f32; read and written.
     pub transmittance: &'a Buffer,
-    /// Four rgba32f images of the field's dims; read and written.
+    /// Which cells are wanted and which are clear of matter ([`super::cells::CellMap`]).
+    pub cell_map: &'a Image,
+    /// Four rgba32f images of the wanted cells' slots; read and written.
     pub sums: [&'a Image; 4],
     /// SH bands to sum.
     pub bands: u32,
-    /// Slices marched densely before the swept value.
+    /// Slices marched densely at most before the swept value.
     pub near: u32,
+    /// Difference of neighbouring T that is interpolated rather than marched through.
+    pub smoothness: f32,
 }
 
 /// One slice of one batch.
@@ -92,12 +120,13 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             volume: medium.volume.sampled(),
             sigma: medium.sigma,
             transmittance: sweep.transmittance,
+            cell_map: sweep.cell_map.sampled().as_nearest(),
             sums0: sweep.sums[0].storage(0),
             sums1: sweep.sums[1].storage(0),
             sums2: sweep.sums[2].storage(0),
             sums3: sweep.sums[3].storage(0),
         },
-        &kernel::Spec { bands: sweep.bands, near: sweep.near },
+        &kernel::Spec { bands: sweep.bands, near: sweep.near, axis: slice.axis as u32 },
         &kernel::Params {
             cell_size: cell_size(medium.grid, sweep.field_dims),
             step_length: step_length as f32,
@@ -105,14 +134,15 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             map_scale: medium.map.0,
             field_dims: dims_u32(sweep.field_dims),
             map_bias: medium.map.1,
-            axis: slice.axis as u32,
             slice: slice.index,
             ring_slot: slice.order % (sweep.near + 1),
             first_direction: slice.first_direction,
             direction_count: slice.direction_count,
             begin: u32::from(slice.begin),
+            smoothness: sweep.smoothness,
         },
-        [slice_cells(sweep.field_dims, slice.axis) as u32, 1, 1],
+        // A workgroup of 64 invocations takes 16 x 16 cells.
+        [plane(slice.axis).iter().map(|&a| sweep.field_dims[a].div_ceil(16) as u32).product::<u32>() * 64, 1, 1],
     )
 }
 
@@ -120,10 +150,11 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, images: [&Image; 4]) -> Result<()> {
+pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &Image, images: [&Image; 4]) -> Result<()> {
     rec.dispatch(
         &gather::Bindings {
             cells: run.cells,
+            cell_map: cell_map.sampled().as_nearest(),
             sums0: images[0].sampled(),
             sums1: images[1].sampled(),
             sums2: images[2].sampled(),
@@ -136,62 +167,81 @@ pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, images: [&I
     )
 }
 
+/// Settings of the twin: as in [`Sweep`], and the longest step in world units.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Slices marched densely at most.
+    pub near: u32,
+    /// Difference of neighbouring T that is interpolated.
+    pub smoothness: f32,
+    /// Longest step, world units.
+    pub step_length: f64,
+}
+
 /// The twin: coefficients of every cell, x fastest.
-pub fn reference(
-    volume: &Volume,
-    table: &Table,
-    field_dims: [usize; 3],
-    directions: &Directions,
-    near: u32,
-    step_length: f64,
-) -> Vec<[f32; 16]> {
+pub fn reference(volume: &Volume, table: &Table, field_dims: [usize; 3], rays: &[Ray], settings: Settings) -> Vec<[f32; 16]> {
     let grid = volume.grid();
     let size = cell_size(grid, field_dims);
-    let mut set = directions.table.clone();
+    let mut set = rays.to_vec();
     let mut out = vec![[0f32; 16]; field_dims.iter().product()];
     for group in groups(&mut set, size) {
-        let (a, b, c) = (group.axis, usize::from(group.axis == 0), if group.axis == 2 { 1 } else { 2 });
+        let (a, [b, c]) = (group.axis, plane(group.axis));
+        let [width, height] = [field_dims[b], field_dims[c]];
         for d in &set[group.first as usize..(group.first + group.count) as usize] {
+            let basis = sh::basis(DVec3::new(d.world[0].into(), d.world[1].into(), d.world[2].into()));
             let dir = [d.voxel[0], d.voxel[1], d.voxel[2]];
             let ds = size[a] / dir[a].abs();
             let shift = [dir[b] / size[b] * ds, dir[c] / size[c] * ds];
-            let plane = [field_dims[b], field_dims[c]];
             // Swept slices, the one where the rays leave first.
             let mut swept: Vec<Vec<f32>> = Vec::new();
             for order in 0..field_dims[a] {
                 let index = if group.rising { field_dims[a] - 1 - order } else { order };
-                let mut slice = Vec::with_capacity(plane[0] * plane[1]);
-                for j in 0..plane[1] {
-                    for i in 0..plane[0] {
-                        let mut cell = [0; 3];
-                        (cell[a], cell[b], cell[c]) = (index, i, j);
-                        let x: [f32; 3] = std::array::from_fn(|k| (cell[k] as f32 + 0.5) * size[k]);
-                        let end = twin::exit_distance(x, dir, grid.dims());
-                        let (mut depth, mut v) = (0f32, 0f32);
-                        for m in 1..=near as usize {
+                let mut slice = vec![0f32; width * height];
+                // Four cells of a row decide together how far they march.
+                for (quad, j) in (0..height).flat_map(|j| (0..width).step_by(4).map(move |i| (i, j))) {
+                    let cells: Vec<usize> = (quad..width.min(quad + 4)).collect();
+                    let mut depth = vec![0f32; cells.len()];
+                    for m in 1..=settings.near as usize {
+                        let mut done = true;
+                        for (&i, depth) in cells.iter().zip(&mut depth) {
+                            let mut cell = [0; 3];
+                            (cell[a], cell[b], cell[c]) = (index, i, j);
+                            let x: [f32; 3] = std::array::from_fn(|k| (cell[k] as f32 + 0.5) * size[k]);
+                            let end = twin::exit_distance(x, dir, grid.dims());
                             let (from, to) = ((m - 1) as f32 * ds, (m as f32 * ds).min(end));
-                            let n = ((to - from) / step_length as f32 - 1e-3).ceil().max(0.0);
+                            let n = ((to - from) / settings.step_length as f32 - 1e-3).ceil().max(0.0);
                             let s = (to - from) / n.max(1.0);
                             for k in 0..n as u32 {
                                 let p = twin::along(x, dir, from + (k as f32 + 0.5) * s);
-                                depth += s * twin::extinction(table, twin::sample(volume, p));
+                                *depth += s * twin::extinction(table, twin::sample(volume, p));
                             }
-                            let mut beyond = 1.0;
-                            if m as f32 * ds < end {
-                                let q = [i as f32 + m as f32 * shift[0] + 0.5, j as f32 + m as f32 * shift[1] + 0.5, 0.5];
-                                let swept = twin::trilinear([plane[0], plane[1], 1], q, |p| swept[order - m][p[0] + plane[0] * p[1]]);
-                                // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
-                                let inside = |k: usize| 1.0 - (2.0 * (0.5 - q[k]).max(q[k] + 0.5 - plane[k] as f32)).clamp(0.0, 1.0);
-                                beyond = 1.0 + (swept - 1.0) * inside(0) * inside(1);
+                            let through = (-*depth).exp();
+                            if m as f32 * ds >= end {
+                                slice[i + width * j] = through;
+                                continue;
                             }
-                            v = (-depth).exp() * beyond;
-                            if m == 1 {
-                                slice.push(v);
-                            }
+                            let p = [i as f32 + m as f32 * shift[0], j as f32 + m as f32 * shift[1]];
+                            let read = |q: [usize; 3]| swept[order - m][q[0] + width * q[1]];
+                            let value = twin::trilinear([width, height, 1], [p[0] + 0.5, p[1] + 0.5, 0.5], read);
+                            // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
+                            let inside = |p: f32, n: usize| 1.0 - (2.0 * (-p).max(p - (n - 1) as f32)).clamp(0.0, 1.0);
+                            slice[i + width * j] = through * (1.0 + (value - 1.0) * inside(p[0], width) * inside(p[1], height));
+                            let near = |p: f32, n: usize| [p.floor(), p.floor() + 1.0].map(|p| p.clamp(0.0, (n - 1) as f32) as usize);
+                            let around: Vec<f32> =
+                                near(p[1], height).into_iter().flat_map(|y| near(p[0], width).map(|x| read([x, y, 0]))).collect();
+                            let range = around.iter().fold(0f32, |m, v| m.max(*v)) - around.iter().fold(1f32, |m, v| m.min(*v));
+                            done &= through * range <= settings.smoothness;
                         }
+                        if done {
+                            break;
+                        }
+                    }
+                    for i in cells {
+                        let mut cell = [0; 3];
+                        (cell[a], cell[b], cell[c]) = (index, i, j);
                         let sums = &mut out[cell[0] + field_dims[0] * (cell[1] + field_dims[1] * cell[2])];
-                        for (s, y) in sums.iter_mut().zip(d.basis) {
-                            *s += v * y;
+                        for (s, y) in sums.iter_mut().zip(basis) {
+                            *s += slice[i + width * j] * y as f32;
                         }
                     }
                 }
@@ -199,6 +249,6 @@ pub fn reference(
             }
         }
     }
-    let weight = 4.0 * std::f32::consts::PI / directions.pattern_size as f32;
+    let weight = 4.0 * std::f32::consts::PI / rays.len() as f32;
     out.iter().map(|s| s.map(|s| s * weight)).collect()
 }
