@@ -99,7 +99,11 @@ pub fn read_picture_png(path: &Path) -> Result<Picture> {
     let wide = frame.bit_depth == png::BitDepth::Sixteen;
     let each = channels * if wide { 2 } else { 1 };
     // Linear values of all that a sample can be.
-    let table: Vec<f32> = if wide { (0..=65535).map(|i| linear(i as f32 / 65535.0)).collect() } else { (0..=255).map(|i| linear(i as f32 / 255.0)).collect() };
+    let table: Vec<f32> = if wide {
+        (0..=65535).map(|i| linear(i as f32 / 65535.0)).collect()
+    } else {
+        (0..=255).map(|i| linear(i as f32 / 255.0)).collect()
+    };
     let top = (table.len() - 1) as f32;
     let mut picture = Picture { width, height, rgba: Vec::new() };
     picture.rgba.try_reserve_exact(width * height).map_err(|_| too_large())?;

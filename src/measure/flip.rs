@@ -282,7 +282,8 @@ fn pooled(map: Vec<f32>, exposures: Option<(f64, f64, usize)>) -> Flip {
 /// colours, linear between; within 2.2 of the table of 256.
 pub fn magma(difference: f32) -> [u8; 3] {
     const COLORS: [u32; 16] = [
-        0x000004, 0x0b0924, 0x20114b, 0x3b0f70, 0x57157e, 0x721f81, 0x8c2981, 0xa8327d, 0xc43c75, 0xde4968, 0xf1605d, 0xfa7f5e, 0xfe9f6d, 0xfebf84, 0xfddea0, 0xfcfdbf,
+        0x000004, 0x0b0924, 0x20114b, 0x3b0f70, 0x57157e, 0x721f81, 0x8c2981, 0xa8327d, 0xc43c75, 0xde4968, 0xf1605d, 0xfa7f5e, 0xfe9f6d,
+        0xfebf84, 0xfddea0, 0xfcfdbf,
     ];
     let at = if difference.is_nan() { 0.0 } else { difference.clamp(0.0, 1.0) * 15.0 };
     let i = (at as usize).min(14);

@@ -15,9 +15,6 @@ const PROBES: [usize; 2] = [1024, 64];
 /// Directions of the pilot: all probes, so that the device is as busy as in the whole.
 const PILOT_DIRECTIONS: u32 = 16;
 
-/// The key of [`Report::meta`] that programs read.
-const KEY: &str = "error_json";
-
 /// What a measurement may cost. It only decides how many cells are measured: for a given number of them the result is the
 /// same every time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,6 +101,9 @@ impl Plan {
 }
 
 impl Report {
+    /// The keys of [`Report::meta`]: one line for people, one object for programs.
+    pub const KEYS: [&str; 2] = ["error", "error_json"];
+
     /// Measures `field` at the plan's cells. `kept` is what [`Engine::read_field`] gave: the field as the renderers see
     /// it. Takes the engine's timings.
     ///
@@ -140,15 +140,15 @@ impl Report {
         })
     }
 
-    /// The report as pairs for a file's header: `error` for people, `error_json` for programs.
+    /// The report as pairs for a file's header; see [`Report::KEYS`].
     pub fn meta(&self) -> Vec<(String, String)> {
         let json = serde_json::to_string(self).unwrap_or_default();
-        vec![("error".into(), self.sentence()), (KEY.into(), json)]
+        vec![(Self::KEYS[0].into(), self.sentence()), (Self::KEYS[1].into(), json)]
     }
 
     /// The report in a file's header, if there is one.
     pub fn from_meta(meta: &[(String, String)]) -> Option<Self> {
-        let (_, json) = meta.iter().find(|(key, _)| key == KEY)?;
+        let (_, json) = meta.iter().find(|(key, _)| key == Self::KEYS[1])?;
         serde_json::from_str(json).ok()
     }
 
