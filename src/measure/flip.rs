@@ -99,10 +99,10 @@ fn exposures(reference: &Picture) -> (f64, f64) {
     let white = roots[0].max(roots[1]);
     let mut luminance: Vec<f32> = reference.rgba.iter().map(|p| 0.2126 * p[0] + 0.7152 * p[1] + 0.0722 * p[2]).collect();
     luminance.sort_by(f32::total_cmp);
-    let n = luminance.len();
-    let median = if n % 2 == 0 { 0.5 * (luminance[n / 2 - 1] + luminance[n / 2]) } else { luminance[n / 2] };
+    // Of an even number the upper one, as the authors' evaluator takes it.
+    let [last, middle] = [luminance.len() - 1, luminance.len() / 2];
     let stops = |y: f32| (white / f64::from(y.max(f32::EPSILON))).log2();
-    (stops(luminance[n - 1]), stops(median))
+    (stops(luminance[last]), stops(luminance[middle]))
 }
 
 fn tone(x: f32) -> f32 {

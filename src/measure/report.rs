@@ -88,10 +88,9 @@ impl Plan {
             pilot(1, &[*first])?;
             seconds = pilot(PILOT_DIRECTIONS, &cells)? * f64::from(REFERENCE_DIRECTIONS / PILOT_DIRECTIONS);
         }
-        if seconds > budget.seconds {
-            let all = cells.len() as f64;
-            let count = ((all * budget.seconds / seconds) as usize).max(PROBES[1]).min(cells.len());
-            seconds *= count as f64 / all;
+        let count = affordable(cells.len(), seconds, budget.seconds);
+        if count < cells.len() {
+            seconds *= count as f64 / cells.len() as f64;
             cells = draw(near, count);
         }
         // Floats are stored as they are: there is nothing to run again.
@@ -196,6 +195,11 @@ impl Report {
     }
 }
 
+/// How many of `count` probes, which would take `predicted` seconds together, to measure in `seconds`.
+fn affordable(count: usize, predicted: f64, seconds: f64) -> usize {
+    if predicted <= seconds { count } else { ((count as f64 * seconds / predicted) as usize).max(PROBES[1]).min(count) }
+}
+
 /// The coefficients of a cell, 0 where the field keeps none.
 fn of_cell(kept: &[f32], coefficients: usize, cell: u32) -> [f32; 16] {
     let first = cell as usize * coefficients;
@@ -208,5 +212,21 @@ fn seconds(engine: &Engine, start: Instant) -> f64 {
     match spans.iter().all(|s| s.timed) {
         true => spans.iter().map(|s| s.seconds).sum(),
         false => start.elapsed().as_secs_f64(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::affordable;
+
+    #[test]
+    fn what_is_affordable_follows_the_prediction() {
+        assert_eq!(affordable(1024, 30.0, 60.0), 1024);
+        assert_eq!(affordable(1024, 120.0, 60.0), 512);
+        assert_eq!(affordable(1024, 1e9, 60.0), 64, "the fewest");
+        assert_eq!(affordable(20, 1e9, 60.0), 20, "there are no more");
+        assert_eq!(affordable(0, 0.0, 60.0), 0);
+        // A device that keeps no time, and predicts nonsense.
+        assert_eq!((affordable(1024, f64::INFINITY, 60.0), affordable(1024, f64::NAN, 60.0)), (64, 64));
     }
 }
