@@ -233,7 +233,7 @@ fn damaged_pictures_are_refused_in_a_sentence() {
         let mut bytes = whole.clone();
         for _ in 0..2 {
             let at = (random.unit() * bytes.len() as f32) as usize % bytes.len();
-            bytes[at] ^= 1 << (random.unit() * 8.0) as u8 % 8;
+            bytes[at] ^= 1 << ((random.unit() * 8.0) as u8 % 8);
         }
         refused += usize::from(says(&bytes).is_err());
     }

@@ -10,7 +10,7 @@
 //! 19 in each of three and five of the feature planes.
 
 use super::picture::comparable;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::Picture;
 use serde::Serialize;
 
@@ -57,15 +57,18 @@ pub struct Flip {
 /// Percent of [`Flip::weighted`].
 pub const PERCENTILES: [u32; 6] = [1, 25, 50, 75, 95, 99];
 
+/// Most pixels: 8K UHD. A comparison takes some 120 bytes a pixel.
+const MAX_PIXELS: usize = 1 << 25;
+
 /// Three planes.
 type Planes = [Vec<f32>; 3];
 
 /// Of pictures meant for display: linear RGB, clamped to 0..1 (LDR-FLIP).
 ///
 /// # Errors
-/// [`crate::Error::Invalid`] for pictures of different sizes and for pixels that are not finite.
+/// [`Error::Invalid`] for pictures of different sizes or more than 33,554,432 pixels, and for pixels that are not finite.
 pub fn display(test: &Picture, reference: &Picture) -> Result<Flip> {
-    comparable(test, reference)?;
+    usable(test, reference)?;
     let size = (reference.width, reference.height);
     let opponent = |p: &Picture| opponent(&p.rgba, |v| v.clamp(0.0, 1.0));
     Ok(pooled(ldr(size, opponent(test), opponent(reference)), None))
@@ -76,7 +79,7 @@ pub fn display(test: &Picture, reference: &Picture) -> Result<Flip> {
 /// # Errors
 /// As [`display`].
 pub fn radiance(test: &Picture, reference: &Picture) -> Result<Flip> {
-    comparable(test, reference)?;
+    usable(test, reference)?;
     let size = (reference.width, reference.height);
     let (start, stop) = exposures(reference);
     let count = ((stop - start).ceil() as usize).max(2);
@@ -90,6 +93,19 @@ pub fn radiance(test: &Picture, reference: &Picture) -> Result<Flip> {
         }
     }
     Ok(pooled(map, Some((start, stop, count))))
+}
+
+/// Refuses what cannot be compared, or only in more memory than is reasonable.
+fn usable(test: &Picture, reference: &Picture) -> Result<()> {
+    comparable(test, reference)?;
+    if reference.rgba.len() > MAX_PIXELS {
+        return Err(Error::Invalid {
+            item: "compared pictures",
+            what: format!("{}x{} pixels", reference.width, reference.height),
+            right: format!("FLIP takes at most {MAX_PIXELS}: compare parts of them"),
+        });
+    }
+    Ok(())
 }
 
 /// The exposures, in stops, that bring the brightest and the median luminance to 85 % of the tone map's white.

@@ -14,7 +14,8 @@ mod report;
 
 pub use field::{Errors, FieldError, errors, field_error};
 pub use picture::{Difference, compare, relative_rmse};
-pub use probes::{draw, near_matter, probes};
+use probes::draw;
+pub use probes::{near_matter, probes};
 pub use report::{Budget, Plan, Report};
 
 use crate::engine::{Engine, Medium, Progress};

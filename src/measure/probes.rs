@@ -8,7 +8,9 @@ use crate::stages::twin;
 /// Field cells within two cells of matter (σ_t > 0 at a voxel), up to `count` of them, drawn at random without
 /// repetition from a fixed seed, ascending.
 pub fn probes(volume: &Volume, medium: &Medium, ratio: u32, count: usize) -> Vec<u32> {
-    draw(near_matter(volume, medium, ratio), count)
+    let mut cells = draw(near_matter(volume, medium, ratio), count);
+    cells.sort_unstable();
+    cells
 }
 
 /// All field cells at `ratio` voxels per cell within two cells of matter (σ_t > 0 at a voxel), ascending. Looks at each
@@ -44,8 +46,9 @@ pub fn near_matter(volume: &Volume, medium: &Medium, ratio: u32) -> Vec<u32> {
     near.iter().enumerate().filter(|(_, n)| **n).map(|(i, _)| i as u32).collect()
 }
 
-/// Up to `count` of `cells`, at random without repetition from a fixed seed, ascending.
-pub fn draw(mut cells: Vec<u32>, count: usize) -> Vec<u32> {
+/// Up to `count` of `cells`, at random without repetition from a fixed seed, in the order drawn: the first of many are the
+/// few that a smaller count would draw.
+pub(super) fn draw(mut cells: Vec<u32>, count: usize) -> Vec<u32> {
     // Fisher-Yates, as far as needed.
     let mut random = SplitMix(0x70_726f_6265);
     let count = count.min(cells.len());
@@ -54,6 +57,6 @@ pub fn draw(mut cells: Vec<u32>, count: usize) -> Vec<u32> {
         cells.swap(i, j);
     }
     cells.truncate(count);
-    cells.sort_unstable();
+    cells.shrink_to_fit();
     cells
 }

@@ -73,8 +73,7 @@ impl Plan {
     /// # Errors
     /// As [`Engine::estimate`].
     pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
-        let near = near_matter(volume, medium, settings.ratio);
-        let mut cells = draw(near.clone(), PROBES[0]);
+        let mut cells = draw(near_matter(volume, medium, settings.ratio), PROBES[0]);
         let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
         let mut pilot = |directions, cells: &[u32]| {
             let start = Instant::now();
@@ -91,8 +90,9 @@ impl Plan {
         let count = affordable(cells.len(), seconds, budget.seconds);
         if count < cells.len() {
             seconds *= count as f64 / cells.len() as f64;
-            cells = draw(near, count);
+            cells.truncate(count);
         }
+        cells.sort_unstable();
         // Floats are stored as they are: there is nothing to run again.
         let again = if settings.method == Method::Sweep && settings.bits != 32 { budget.field_seconds } else { None };
         Ok(Self { cells, seconds, before: again.is_none_or(|s| s <= budget.seconds), again: again.filter(|&s| s <= budget.seconds) })
