@@ -1,12 +1,14 @@
 //! The `halflight` command: reads the command line, calls the engine, says what was done.
 
 mod args;
+mod compare;
 mod demo;
 mod fail;
 mod info;
 mod light;
 mod load;
 mod output;
+mod precompute;
 mod progress;
 mod render;
 mod report;
@@ -72,7 +74,9 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
             return say(e.render().to_string().trim_end());
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
-            return Err(Failure::usage("a command is missing: demo, info, light, precompute, render or devices; see halflight --help"));
+            return Err(Failure::usage(
+                "a command is missing: demo, info, light, precompute, render, compare or devices; see halflight --help",
+            ));
         }
         Err(e) => return Err(e.into()),
     };
@@ -88,9 +92,10 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
     let context = Context { json: m.get_flag("json"), options };
     match name {
         "demo" => demo::run(&context, m),
+        "compare" => compare::run(&context, m),
         "info" => info::run(&context, m),
         "light" => light::run(&context, m),
-        "precompute" => render::precompute(&context, m),
+        "precompute" => precompute::run(&context, m),
         "render" => render::render(&context, m),
         _ => devices(&context),
     }
