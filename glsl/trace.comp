@@ -6,7 +6,8 @@
 // Samples come in blocks of STRATA^2 whose sky directions are stratified; the mean and the squares of block means are
 // kept (Welford), so that the standard error counts what stratification gains.
 // Counted per sample: a tap and 3 loads per tentative collision (on average the integral of the majorant along both
-// rays, less what is dark, and TENTATIVE at most besides), a texel per cell crossed; log2(width x height) + 4 loads for the sky.
+// rays, less what is dark, and TENTATIVE at most besides), a texel per cell crossed between the
+// first and the last cell of matter (viewing ray) or up to the box's end (to the sky); log2(width x height) + 4 loads for the sky.
 // readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -102,13 +103,27 @@ float roulette(float t) {
     return draw(key).x * ROULETTE < t ? ROULETTE : 0.0;
 }
 
+// The stretch of a ray from its first to its last cell with matter; x > y where there is none.
+vec2 matter_span(vec3 p, vec3 d, vec2 span) {
+    ivec3 cells = textureSize(majorants, 0);
+    Walk w = walk_from(p, d, span.x, cells);
+    float t = span.x;
+    vec2 inner = vec2(span.y, span.x);
+    for (; events < most_events; events++) {
+        float boundary = min(walk_boundary(w), span.y);
+        if (texelFetch(majorants, w.cell, 0).r > 0.0) inner = vec2(min(inner.x, t), boundary);
+        t = boundary;
+        if (boundary >= span.y || !walk_on(w, cells)) break;
+    }
+    return inner;
+}
+
 // The integral of T sigma_t along the viewing ray, and a place drawn in proportion to it; transmittance in `through`.
-float scatter(vec3 p, vec3 d, vec2 span, out float place, out float through) {
+float scatter(vec3 p, vec3 d, vec2 span, float least, out float place, out float through) {
     ivec3 cells = textureSize(majorants, 0);
     vec3 scale3 = 1.0 / vec3(textureSize(volume, 0));
     Walk w = walk_from(p, d, span.x, cells);
     float t = span.x;
-    float least = TENTATIVE / (span.y - span.x);
     float depth = -log(1.0 - draw(key).x); // to the next tentative collision
     float sum = 0.0;
     place = 0.0;
@@ -208,6 +223,11 @@ void main() {
 
     Hit hit;
     bool found = span.y > span.x;
+    float least = TENTATIVE / (span.y - span.x);
+    if (MATTER == 0 && found) {
+        span = matter_span(origin, d, span); // once for all samples
+        found = span.y > span.x;
+    }
     vec3 start = vec3(0.0);
     vec3 normal = vec3(0.0);
     if (MATTER > 0 && found) {
@@ -229,7 +249,7 @@ void main() {
         if (MATTER == 0) {
             float place;
             float through;
-            float sum = scatter(origin, d, span, place, through);
+            float sum = scatter(origin, d, span, least, place, through);
             if (sum > 0.0) {
                 vec3 p = origin + d * place;
                 float c = table_coordinate(textureLod(volume, p / dims, 0.0).r);
@@ -237,7 +257,7 @@ void main() {
                 vec3 a = mix(albedo[i].rgb, albedo[i + 1u].rgb, c - float(i));
                 block.rgb += sum * transmittance(p, w, dims) * a * weight * scale;
             }
-            block.a += 1.0 - through;
+            block.a += through > 0.5 ? sum : 1.0 - through; // the same number; the sum keeps thin matter exact
         } else {
             float lobe = MATTER == 2 ? 4.0 * max(dot(normal, toward), 0.0) : 1.0;
             if (lobe > 0.0) block.rgb += lobe * unshadowed(start, w, dims) * surface_albedo.rgb * weight * scale;

@@ -4,11 +4,12 @@ use super::Context;
 use super::args::OF_REFERENCE;
 use super::fail::Failure;
 use super::load;
-use super::output::PICTURES;
+use super::output::{Kind, PICTURES};
 use super::progress::Progress;
 use super::render::{asked, background, finish, header};
 use clap::ArgMatches;
 use halflight::engine::ReferenceSettings;
+use halflight::io;
 use halflight::scene::Sky;
 use serde_json::json;
 
@@ -51,7 +52,10 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let spans = engine.take_timings();
     let mut meta = header(&scene, &engine, &spans);
     meta.push(("reference".into(), format!("{samples} samples a pixel, relative standard error {error:.6}")));
-    output.write(&picture, scene.image.exposure, &meta)?;
+    match output.kind {
+        Kind::Exr => io::write_exr_with_error(&output.path, &picture, &reference.standard_error, &meta)?,
+        _ => output.write(&picture, scene.image.exposure, &meta)?,
+    }
     drop(bar);
     finish(context, report, &engine, &spans, &output)
 }

@@ -149,7 +149,7 @@ impl Engine {
             Some(_) => grid.diagonal() / (trace::SHADOW_STEP * grid.voxel_length()),
         };
         let crossed: f64 = majorant::cells(grid.dims()).iter().map(|&c| f64::from(c)).sum();
-        let chunk = (events / (96.0 + 2.0 * crossed + 2.5 * dense)).clamp(1.0, 64.0) as u32;
+        let chunk = ((events - 2.0 * crossed) / (96.0 + 2.0 * crossed + 2.5 * dense)).clamp(1.0, 64.0) as u32;
 
         let tables = sky.tables();
         let cells = majorant::cells(grid.dims());

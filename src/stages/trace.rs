@@ -251,7 +251,7 @@ pub fn reference(scene: &Twin, pixel: [usize; 2], sample: u32) -> [f32; 4] {
         }
         let a = twin::albedo(scene.table, twin::sample(scene.volume, p));
         let [r, g, b] = std::array::from_fn(|c| sum * seen * a[c] * weight[c] * scale);
-        return [r, g, b, 1.0 - through];
+        return [r, g, b, if through > 0.5 { sum } else { 1.0 - through }];
     };
     let Some(hit) = isosurface::reference_hit(scene.volume, iso, scene.view, pixel, step) else { return [0.0; 4] };
     // Flat data and cut faces are left to formula tests.
