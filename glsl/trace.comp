@@ -113,69 +113,68 @@ vec2 matter_span(vec3 p, vec3 d, vec2 span) {
         float boundary = min(walk_boundary(w), span.y);
         if (texelFetch(majorants, w.cell, 0).r > 0.0) inner = vec2(min(inner.x, t), boundary);
         t = boundary;
-        if (boundary >= span.y || !walk_on(w, cells)) break;
+        if (boundary >= span.y || !walk_on(w, cells)) return inner;
     }
     return inner;
 }
 
-// The integral of T sigma_t along the viewing ray, and a place drawn in proportion to it; transmittance in `through`.
-float scatter(vec3 p, vec3 d, vec2 span, float least, out float place, out float through) {
+// On to the next tentative collision, `depth` of majorant (at least `least` where there is matter) further; false where
+// the ray ends before. A loop of its own: neighbouring rays wait for each other's crossings, not also for their taps.
+bool tentative(inout Walk w, inout float t, float end, float least, float depth, out float bound) {
     ivec3 cells = textureSize(majorants, 0);
-    vec3 scale3 = 1.0 / vec3(textureSize(volume, 0));
-    Walk w = walk_from(p, d, span.x, cells);
-    float t = span.x;
-    float depth = -log(1.0 - draw(key).x); // to the next tentative collision
-    float sum = 0.0;
-    place = 0.0;
-    through = 1.0;
     for (; events < most_events; events++) {
-        float bound = texelFetch(majorants, w.cell, 0).r;
+        bound = texelFetch(majorants, w.cell, 0).r;
         if (bound > 0.0) bound = max(bound, least);
-        float boundary = min(walk_boundary(w), span.y);
+        float boundary = min(walk_boundary(w), end);
         float ahead = bound * (boundary - t);
         if (ahead > depth) {
             t += depth / bound;
-            vec2 u = draw(key);
-            depth = -log(1.0 - u.x);
-            float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
-            float weight = through * share;
-            sum += weight;
-            if (u.y * sum < weight) place = t;
-            through = roulette(through - weight);
-            if (through <= 0.0) break;
-        } else {
-            depth -= max(ahead, 0.0);
-            t = boundary;
-            if (boundary >= span.y || !walk_on(w, cells)) break;
+            return true;
         }
+        depth -= max(ahead, 0.0);
+        t = boundary;
+        if (boundary >= end || !walk_on(w, cells)) return false;
+    }
+    return false;
+}
+
+// The integral of T sigma_t along the viewing ray, and a place drawn in proportion to it; transmittance in `through`.
+float scatter(vec3 p, vec3 d, vec2 span, float least, out float place, out float through) {
+    vec3 scale3 = 1.0 / vec3(textureSize(volume, 0));
+    Walk w = walk_from(p, d, span.x, textureSize(majorants, 0));
+    float t = span.x;
+    float depth = -log(1.0 - draw(key).x);
+    float bound;
+    float sum = 0.0;
+    place = 0.0;
+    through = 1.0;
+    while (through > 0.0 && tentative(w, t, span.y, least, depth, bound)) {
+        events++;
+        vec2 u = draw(key);
+        depth = -log(1.0 - u.x);
+        float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
+        float weight = through * share;
+        sum += weight;
+        if (u.y * sum < weight) place = t;
+        through = roulette(through - weight);
     }
     return sum;
 }
 
 // Transmittance from p along d to the end of the volume, unbiased.
 float transmittance(vec3 p, vec3 d, vec3 dims) {
-    ivec3 cells = textureSize(majorants, 0);
     vec3 scale3 = 1.0 / dims;
     float end = box_span(p, d, dims).y;
-    Walk w = walk_from(p, d, 0.0, cells);
+    Walk w = walk_from(p, d, 0.0, textureSize(majorants, 0));
     float t = 0.0;
     float depth = -log(1.0 - draw(key).x);
+    float bound;
     float through = 1.0;
-    for (; events < most_events; events++) {
-        float bound = texelFetch(majorants, w.cell, 0).r;
-        float boundary = min(walk_boundary(w), end);
-        float ahead = bound * (boundary - t);
-        if (ahead > depth) {
-            t += depth / bound;
-            depth = -log(1.0 - draw(key).x);
-            float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
-            through = roulette(through * (1.0 - share));
-            if (through <= 0.0) break;
-        } else {
-            depth -= max(ahead, 0.0);
-            t = boundary;
-            if (boundary >= end || !walk_on(w, cells)) break;
-        }
+    while (through > 0.0 && tentative(w, t, end, 0.0, depth, bound)) {
+        events++;
+        depth = -log(1.0 - draw(key).x);
+        float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
+        through = roulette(through * (1.0 - share));
     }
     return through;
 }
@@ -194,7 +193,7 @@ float unshadowed(vec3 p, vec3 d, vec3 dims) {
         float boundary = min(walk_boundary(w), span.y);
         if (t >= boundary || texelFetch(majorants, w.cell, 0).r <= 0.0) {
             i = max(i, ceil((boundary - first) / shadow_step));
-            if (boundary >= span.y || !walk_on(w, cells)) break;
+            if (boundary >= span.y || !walk_on(w, cells)) return 1.0;
         } else {
             if (above((p + d * t) * scale3) >= 0.0) return 0.0;
             i += 1.0;

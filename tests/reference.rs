@@ -188,17 +188,18 @@ fn a_rotated_light_is_the_light_that_the_background_shows() {
 #[test]
 fn the_harmonic_renderer_tends_to_it_under_constant_light() {
     let engine = engine();
-    let grid = Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid");
+    let grid = Grid::axis_aligned([48, 40, 32], [0.5; 3]).expect("grid");
     // Soft matter that the box does not cut: a field of the voxels' own resolution follows its visibility.
     let volume = Volume::from_fn(grid, |p| {
+        let p = p.map(|x| 0.5 * x);
         let bump = |x: f64, y: f64, z: f64, r: f64| (-((p[0] - x).powi(2) + (p[1] - y).powi(2) + (p[2] - z).powi(2)) / (r * r)).exp();
         (bump(9.0, 9.0, 8.0, 4.0) + bump(16.0, 12.0, 7.0, 3.0) - 0.1).max(0.0) as f32
     });
     let (_, medium) = load(&engine, &volume.expect("volume"), &linear(0.25));
     let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
-    let settings = ImageSettings { step: 0.1, ..image(24, 18) };
-    let reference = render(&engine, &medium, &Sky::constant([1.0, 2.0, 0.5]).expect("sky"), &camera, &settings, &all(2048));
-    let field = Visibility { method: Method::March, ratio: 1, directions: 512, bits: 32, step: 0.1, ..Visibility::default() };
+    let settings = ImageSettings { step: 0.25, ..image(16, 12) };
+    let reference = render(&engine, &medium, &Sky::constant([1.0, 2.0, 0.5]).expect("sky"), &camera, &settings, &all(16384));
+    let field = Visibility { method: Method::March, ratio: 1, directions: 128, bits: 32, step: 0.5, ..Visibility::default() };
     let field = engine.precompute(&medium, &field, &mut quiet).expect("field");
     let picture = |light: &Light| {
         let lit = engine.relight(&field, light).expect("light");
@@ -220,7 +221,7 @@ fn the_harmonic_renderer_tends_to_it_under_constant_light() {
     let (mean, rms, error) = deviation(&picture(&Light::constant([1.0, 2.0, 0.5])));
     println!("mean {mean:+.5}, beyond noise {rms:.5}, standard error {error:.5}");
     // Noise of the mean is some √(pixels) smaller. A field of the voxels' centres, interpolated, and its directions.
-    assert!(mean.abs() < 0.004 && rms < 0.012, "{mean} {rms}");
+    assert!(mean.abs() < 0.004 && rms < 0.013, "{mean} {rms}");
     // Sabotage: light a twentieth brighter.
     assert!(deviation(&picture(&Light::constant([1.05, 2.1, 0.525]))).0 > 0.04);
 }
@@ -418,7 +419,11 @@ fn matter_too_dense_for_the_device_is_an_error_not_a_wrong_picture() {
     let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
     let sky = Sky::constant([1.0; 3]).expect("sky");
     let refused = engine.render_reference(&medium, &sky, &camera, &image(12, 9), &all(32), &mut quiet);
-    assert!(matches!(&refused, Err(e @ Error::Invalid { .. }) if e.to_string().contains("dense")), "{refused:?}");
+    assert!(
+        matches!(&refused, Err(e @ Error::Invalid { .. }) if e.to_string().contains("dense")),
+        "{:?}",
+        refused.map(|r| r.relative_error)
+    );
 }
 
 #[test]

@@ -17,6 +17,9 @@ const PIXEL: u64 = 16 * STATE as u64;
 /// Pixels whose state one buffer holds: 48 MiB, below what any device binds.
 const BAND: usize = 1 << 20;
 
+/// Invocations that a device with bounded loops runs in lockstep.
+const LANES: f64 = 8.0;
+
 /// When a reference picture is good enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceSettings {
@@ -128,8 +131,9 @@ impl Engine {
         };
         // Loops that the kernel does not count: a surface's search, and a search of the sky's tables for each sample.
         let search = if surface.is_some() { (grid.diagonal() / step_length).ceil() + 64.0 } else { 64.0 };
-        let events = f64::from(self.device.loop_limit()) - search;
-        if !(image.step.is_finite() && image.step > 0.0 && events >= 4096.0) {
+        // A device that runs LANES rays side by side counts an iteration of any of them for all.
+        let events = (f64::from(self.device.loop_limit()) - search) / LANES;
+        if !(image.step.is_finite() && image.step > 0.0 && events >= 1024.0) {
             return Err(Error::Invalid {
                 item: "image.step",
                 what: format!("is {} voxels", image.step),
@@ -185,7 +189,7 @@ impl Engine {
             majorants,
             bands,
             chunk,
-            most_events: events as u32 - 32 * chunk.min(64),
+            most_events: events as u32 - 8 * chunk,
             width: image.width as u32,
             step_length,
             seed,
