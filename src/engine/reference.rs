@@ -345,7 +345,7 @@ fn check(settings: &ReferenceSettings) -> Result<()> {
     if settings.samples == 0 || settings.samples > 1 << 24 {
         return bad("reference samples", format!("is {}", settings.samples), "it must lie in 1..16777216");
     }
-    if settings.seconds.is_some_and(|s| !(s > 0.0)) {
+    if settings.seconds.is_some_and(|s| s.is_nan() || s <= 0.0) {
         return bad("reference seconds", format!("is {:?}", settings.seconds), "it must be above 0");
     }
     Ok(())
