@@ -12,7 +12,10 @@ import mitsuba as mi
 mi.set_variant('scalar_rgb')
 
 def read(path):
-    return np.array(mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGBA, mi.Struct.Type.Float32, False))
+    # Other channels, as the standard errors of a reference picture, are split off.
+    whole = mi.Bitmap(path)
+    root = whole if whole.channel_count() <= 4 else dict(whole.split())['<root>']
+    return np.array(root.convert(mi.Bitmap.PixelFormat.RGBA, mi.Struct.Type.Float32, False))
 
 def probe(source, target, height=512):
     rgb = read(source)[..., :3]; h, w = rgb.shape[:2]

@@ -10,6 +10,7 @@ mod load;
 mod output;
 mod precompute;
 mod progress;
+mod reference;
 mod render;
 mod report;
 

@@ -1,7 +1,7 @@
 //! `render`, and what `precompute` shares with it: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::{OF_SCENE, check_used, overrides};
+use super::args::{OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
@@ -20,6 +20,9 @@ use std::path::Path;
 
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    if m.contains_id("reference") {
+        return super::reference::render(context, m);
+    }
     let mut report = context.report();
     let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
     let bar = Progress::new(&[load::READ, "upload", "visibility", "relight", "render", "write"]);
@@ -56,7 +59,8 @@ pub fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, St
 pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
-    check_used(&overrides, used, "a visibility field").map_err(Failure::usage)?;
+    check_used(&overrides, used, if used == OF_REFERENCE { "a reference picture" } else { "a visibility field" })
+        .map_err(Failure::usage)?;
     let output = Output::check(path_of(m, "out")?, kinds)?;
     let scene = load::scene(path, &overrides)?;
     let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
@@ -125,7 +129,7 @@ pub fn works(v: &Visibility, image: &ImageSettings, grid: &Grid) -> [(&'static s
 }
 
 /// Lays the picture over its background, if the scene has one.
-fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(), Failure> {
+pub(super) fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(), Failure> {
     if scene.image.background == Background::Transparent {
         return Ok(());
     }
