@@ -8,6 +8,7 @@ pub mod hierarchical;
 pub mod isosurface;
 pub mod march;
 pub mod minify;
+pub mod occupancy;
 pub mod pack;
 pub mod raymarch;
 pub mod relight;
@@ -64,6 +65,8 @@ pub struct MediumView<'a> {
     pub albedo: &'a vk::Buffer,
     /// Image sample → table coordinate.
     pub map: (f32, f32),
+    /// Distance of each block to the nearest that holds matter; see `stages::occupancy`.
+    pub occupancy: &'a vk::Image,
 }
 
 /// Dims as the kernels take them.
