@@ -58,6 +58,7 @@ pub struct Medium {
     sigma: Buffer,
     albedo: Buffer,
     occupancy: Occupancy,
+    flat_albedo: Option<[f32; 3]>,
 }
 
 /// A visibility field on the device: 16 (or fewer) SH coefficients per cell, packed. Clones share it.
@@ -120,6 +121,7 @@ impl Medium {
             albedo: &self.albedo,
             map: self.volume.0.encoding.table_map(self.table.lo, self.table.hi),
             occupancy: &self.occupancy.distances,
+            flat_albedo: self.flat_albedo,
         }
     }
 }
@@ -257,7 +259,8 @@ impl Engine {
         let sigma = self.device.buffer_from("sigma", &table.sigma)?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
-        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy })
+        let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
+        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo })
     }
 
     /// The field's coefficients as the renderers see them (after packing): bands² per cell, coefficient fastest, then x,

@@ -67,6 +67,8 @@ pub struct MediumView<'a> {
     pub map: (f32, f32),
     /// Distance of each block to the nearest that holds matter; see `stages::occupancy`.
     pub occupancy: &'a vk::Image,
+    /// The albedo of all table entries, where they have the same.
+    pub flat_albedo: Option<[f32; 3]>,
 }
 
 /// Dims as the kernels take them.

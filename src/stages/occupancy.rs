@@ -85,6 +85,24 @@ fn block_ranges<T: Copy>(samples: &[T], [nx, ny, nz]: [usize; 3], min: impl Fn(T
     out
 }
 
+/// What rays leap by.
+#[derive(Clone, Copy)]
+pub struct Leap<'a> {
+    /// Distances of the blocks.
+    pub distances: &'a Image,
+    /// Box of voxels around all matter, first and one past the last; beyond it nothing is sampled.
+    pub bounds: [[usize; 3]; 2],
+    /// Whether rays leap at all.
+    pub skip: bool,
+}
+
+impl Leap<'_> {
+    /// The box as the kernels take it: per axis the first voxel, and << 16 one past the last.
+    pub(super) fn packed(&self) -> [u32; 3] {
+        std::array::from_fn(|a| self.bounds[0][a] as u32 | (self.bounds[1][a] as u32) << 16)
+    }
+}
+
 /// Entries with σ_t > 0 before entry i, for i = 0..=TABLE_SIZE.
 pub fn filled(table: &Table) -> Vec<u32> {
     let mut count = 0;
