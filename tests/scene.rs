@@ -118,7 +118,8 @@ fn every_key_is_read() {
         space: Space::World,
     };
     assert_eq!(s.camera, camera);
-    let image = ImageSettings { width: 320, height: 200, step: 0.5, background: Background::Color([0.0, 0.5, 1.0]), exposure: -1.5, skip: false };
+    let image =
+        ImageSettings { width: 320, height: 200, step: 0.5, background: Background::Color([0.0, 0.5, 1.0]), exposure: -1.5, skip: false };
     assert_eq!(s.image, image);
     // The table of keys and this file agree: no key of the table is forgotten here, but for the exclusive ones.
     for key in keys::KEYS {

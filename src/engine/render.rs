@@ -3,8 +3,8 @@
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, ImageSettings, Picture};
-use crate::stages::raymarch::{Part, View};
 use crate::stages::occupancy::Leap;
+use crate::stages::raymarch::{Part, View};
 use crate::stages::{isosurface, raymarch};
 use crate::vk::Access;
 use std::ops::ControlFlow;
@@ -112,7 +112,9 @@ impl Engine {
                 let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment };
                 let mut rec = self.device.record()?;
                 match &surface {
-                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, step_length, leap, &state)?,
+                    None => {
+                        raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, step_length, leap, &state)?
+                    }
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
