@@ -25,7 +25,8 @@ layout(set = 0, binding = 5) uniform sampler3D occupancy;
 
 layout(constant_id = 0) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 1) const uint TINTED = 0; // 1: albedo is constant and stands in tint
-layout(constant_id = 2) const uint RUN = 8; // steps between two looks at the blocks
+layout(constant_id = 2) const uint GREY = 0; // 1: the irradiance volume has one channel of light
+layout(constant_id = 3) const uint RUN = 8; // steps between two looks at the blocks
 
 layout(push_constant) uniform Params {
     vec3 origin;          // voxel space
@@ -94,8 +95,9 @@ void main() {
             float depth = mix(sigma[k], sigma[k + 1u], f) * ds;
             if (depth > 0.0) {
                 float alpha = opacity_of(depth);
+                vec4 light = textureLod(irradiance, p, 0.0);
                 // The sky seen through spherical harmonics can ring below zero; light does not.
-                vec3 source = max(textureLod(irradiance, p, 0.0).rgb, vec3(0.0)) * tint;
+                vec3 source = max(GREY == 1 ? light.rrr : light.rgb, vec3(0.0)) * tint;
                 if (TINTED == 0) source *= mix(albedo[k].rgb, albedo[k + 1u].rgb, f);
                 s.rgb += transmittance * alpha * source;
                 s.a += depth;

@@ -503,3 +503,32 @@ fn a_speck_in_the_void_is_seen_by_leaping_rays() {
         assert_eq!(on.rgba.iter().any(|p| p[3] > 0.5), expected, "{at:?}");
     }
 }
+
+#[test]
+fn a_grey_light_in_one_channel_shows_what_it_shows_in_three() {
+    let engine = engine();
+    let grid = oblique([30, 24, 26]);
+    let volume = blobs(grid, 4);
+    let grey = Light::constant([0.4; 3]).plus(&Light::cone(DVec3::new(0.3, -0.5, 0.8), 40.0, [3.0; 3]));
+    let mut coloured = grey;
+    // Dimmer in blue alone: red and green are stored as before, in three channels.
+    coloured.coefficients.iter_mut().for_each(|l| l[2] *= 0.5);
+    let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
+    // An albedo that varies, and one that does not.
+    for matter in [linear(0.8), homogeneous(0.1)] {
+        let (_, medium) = load(&engine, &volume, &matter);
+        let field = engine.precompute(&medium, &march(2), &mut quiet).expect("field");
+        let [one, three] = [grey, coloured].map(|light| engine.relight(&field, &light).expect("light"));
+        for (a, b) in engine.read_irradiance(&one).expect("read").iter().zip(engine.read_irradiance(&three).expect("read")) {
+            assert_eq!((a[0], a[1], a[3]), (b[0], b[1], b[3]));
+            assert!(a[2] == a[0] && (b[2] - 0.5 * b[0]).abs() <= 1e-3 * b[0].abs());
+        }
+        let [one, three] = [one, three].map(|lit| engine.render(&medium, &lit, &camera, &image(64, 48, 1.0), &mut quiet).expect("picture"));
+        assert!(one.rgba.iter().any(|p| p[0] > 0.1));
+        for (a, b) in one.rgba.iter().zip(&three.rgba) {
+            assert!((0..2).chain(3..4).all(|c| (a[c] - b[c]).abs() < 1e-6), "{a:?} {b:?}");
+        }
+        // Sabotage: blue is told apart.
+        assert!(one.rgba.iter().zip(&three.rgba).any(|(a, b)| (a[2] - b[2]).abs() > 0.01));
+    }
+}

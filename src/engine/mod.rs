@@ -178,7 +178,7 @@ impl Engine {
     /// [`Error::NoDevice`], [`Error::DeviceLacks`].
     pub fn new(options: &Options) -> Result<Self> {
         let device = vk::Device::new(options)?;
-        for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rgba16Sfloat] {
+        for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rg16Sfloat, Format::Rgba16Sfloat] {
             if !device.supports_filtering(format) {
                 return Err(Error::DeviceLacks {
                     device: device.info().name.clone(),
@@ -294,8 +294,9 @@ impl Engine {
     pub fn relight(&self, field: &Field, light: &Light) -> Result<Lit> {
         let dims = field.dims().map(|n| n as u32);
         let cells: u64 = field.dims().iter().map(|&n| n as u64).product();
-        self.ask("the irradiance volume", 8 * cells, |_| "compute a coarser field, or allow more memory".into())?;
-        let desc = ImageDesc { name: "irradiance", dims, levels: 1, format: Format::Rgba16Sfloat, views: &[], storage: true };
+        let format = relight::format(light.coefficients.iter().all(|l| l[0] == l[1] && l[1] == l[2]));
+        self.ask("the irradiance volume", u64::from(format.bytes()) * cells, |_| "compute a coarser field, or allow more memory".into())?;
+        let desc = ImageDesc { name: "irradiance", dims, levels: 1, format, views: &[], storage: true };
         let irradiance = self.device.image3(&desc)?;
         // |S/ϖ| ≤ |v||L|/4π with |v| ≤ 2√π, 0.28 of the light's norm: this scale puts every cell within ±1200, where half
         // floats have room on both sides.
@@ -322,7 +323,9 @@ impl Engine {
         let bytes = self.device.read_image(&lit.irradiance, 0)?;
         let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
         let unit = [lit.scale, lit.scale, lit.scale, 1.0];
-        Ok(bytes.chunks_exact(8).map(|t| std::array::from_fn(|c| unit[c] * value(&t[2 * c..2 * c + 2]))).collect())
+        // Which number of a texel stands for each channel and for the mean visibility.
+        let (place, size) = if lit.irradiance.format() == relight::format(true) { ([0, 0, 0, 1], 4) } else { ([0, 1, 2, 3], 8) };
+        Ok(bytes.chunks_exact(size).map(|t| std::array::from_fn(|c| unit[c] * value(&t[2 * place[c]..2 * place[c] + 2]))).collect())
     }
 }
 

@@ -2,7 +2,7 @@
 //! classification after interpolation), S = ϖ · irradiance; a ray ends when T ≤ 10⁻³.
 
 use super::occupancy::Leap;
-use super::{MediumView, twin};
+use super::{MediumView, relight, twin};
 use crate::error::Result;
 use crate::kernels::raymarch as kernel;
 use crate::scene::transfer::Table;
@@ -97,7 +97,12 @@ pub fn record(
             state,
             occupancy: leap.distances.sampled(),
         },
-        &kernel::Spec { skip: leap.skip.into(), tinted: medium.flat_albedo.is_some().into(), ..kernel::Spec::default() },
+        &kernel::Spec {
+            skip: leap.skip.into(),
+            tinted: medium.flat_albedo.is_some().into(),
+            grey: (irradiance.format() == relight::format(true)).into(),
+            ..kernel::Spec::default()
+        },
         &kernel::Params {
             origin: view.origin,
             step_length: step_length as f32,
