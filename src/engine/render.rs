@@ -109,12 +109,10 @@ impl Engine {
             let rows = pacer.size.min(height - row);
             let start = Instant::now();
             for first_step in (0..steps).step_by(segment as usize) {
-                let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment };
+                let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length };
                 let mut rec = self.device.record()?;
                 match &surface {
-                    None => {
-                        raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, step_length, leap, &state)?
-                    }
+                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, leap, &state)?,
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
@@ -128,7 +126,7 @@ impl Engine {
                             shading: surface.shading,
                             leap,
                         };
-                        isosurface::record(&mut rec, &inputs, &view, part, step_length, &state, depth)?;
+                        isosurface::record(&mut rec, &inputs, &view, part, &state, depth)?;
                         // The next part of the rays stores the hits that it finds.
                         rec.barrier(&[depth.all().from(Access::ComputeWrite).to(Access::ComputeWrite)]);
                     }

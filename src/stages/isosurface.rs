@@ -89,15 +89,7 @@ pub struct Surface<'a> {
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record(
-    rec: &mut Recorder,
-    surface: &Surface,
-    view: &View,
-    part: Part,
-    step_length: f64,
-    state: &Buffer,
-    depth: &Buffer,
-) -> Result<()> {
+pub fn record(rec: &mut Recorder, surface: &Surface, view: &View, part: Part, state: &Buffer, depth: &Buffer) -> Result<()> {
     let [f0, f1, f2, f3] = surface.field;
     let [bounds_x, bounds_y, bounds_z] = surface.leap.packed();
     rec.dispatch(
@@ -121,7 +113,7 @@ pub fn record(
         },
         &kernel::Params {
             origin: view.origin,
-            step_length: step_length as f32,
+            step_length: part.step_length as f32,
             corner: view.corner,
             iso: surface.iso,
             du: view.du,

@@ -69,6 +69,8 @@ pub struct Part {
     pub first_step: u32,
     /// Steps at most.
     pub step_count: u32,
+    /// World length of a step.
+    pub step_length: f64,
 }
 
 /// Records one part. `irradiance` is the volume and the radiance that its unit stands for; `state` (rows × width vec4: radiance and optical depth) is read and written, the caller puts
@@ -82,7 +84,6 @@ pub fn record(
     irradiance: (&Image, f32),
     view: &View,
     part: Part,
-    step_length: f64,
     leap: Leap,
     state: &Buffer,
 ) -> Result<()> {
@@ -105,7 +106,7 @@ pub fn record(
         },
         &kernel::Params {
             origin: view.origin,
-            step_length: step_length as f32,
+            step_length: part.step_length as f32,
             corner: view.corner,
             map_scale: medium.map.0,
             du: view.du,
