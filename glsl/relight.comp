@@ -1,6 +1,6 @@
 // relight: field x light -> irradiance volume, the light brought to the range of half floats by the caller.
 // S/albedo = 1/(4 pi) sum v_lm L_lm per colour channel (isotropic phase function); alpha holds the mean visibility v_00/(2 sqrt(pi)). The dot product is linear, so filtering its result
-// afterwards is exact. Counted: 4 texels read, 48 multiply-adds, 8 bytes written per cell.
+// afterwards is exact. Counted: 4 texels read, 48 multiply-adds, 8 bytes written per cell (grey: 4).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "half.glsl"
@@ -10,6 +10,7 @@ layout(local_size_x = 4, local_size_y = 4, local_size_z = 4) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
 #include "field.glsl"
+layout(constant_id = 2) const uint GREY = 0; // 1: the light is the same in all channels: (S/albedo, mean visibility)
 
 layout(set = 0, binding = 0) uniform sampler3D field0;
 layout(set = 0, binding = 1) uniform sampler3D field1;
@@ -40,5 +41,6 @@ void main() {
     if (BANDS > 2) sum += group_product(decode(texelFetch(field2, p, 0), 2u), 2u);
     if (BANDS > 3) sum += group_product(decode(texelFetch(field3, p, 0), 3u), 3u);
     vec3 s = sum * INV_4PI;
-    imageStore(irradiance, p, to_nearest_half(vec4(s, v0.x * INV_V00)));
+    float mean = v0.x * INV_V00;
+    imageStore(irradiance, p, to_nearest_half(GREY == 1 ? vec4(s.r, mean, 0.0, 0.0) : vec4(s, mean)));
 }

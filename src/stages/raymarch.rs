@@ -1,7 +1,8 @@
 //! raymarch: direct volume rendering. L = Σ T α S front to back, α = 1 − exp(−σ_t Δs) for any step Δs (midpoint rule,
 //! classification after interpolation), S = ϖ · irradiance; a ray ends when T ≤ 10⁻³.
 
-use super::{MediumView, twin};
+use super::occupancy::Leap;
+use super::{MediumView, relight, twin};
 use crate::error::Result;
 use crate::kernels::raymarch as kernel;
 use crate::scene::transfer::Table;
@@ -68,6 +69,8 @@ pub struct Part {
     pub first_step: u32,
     /// Steps at most.
     pub step_count: u32,
+    /// World length of a step.
+    pub step_length: f64,
 }
 
 /// Records one part. `irradiance` is the volume and the radiance that its unit stands for; `state` (rows × width vec4: radiance and optical depth) is read and written, the caller puts
@@ -81,10 +84,11 @@ pub fn record(
     irradiance: (&Image, f32),
     view: &View,
     part: Part,
-    step_length: f64,
+    leap: Leap,
     state: &Buffer,
 ) -> Result<()> {
     let (irradiance, light_scale) = irradiance;
+    let [bounds_x, bounds_y, bounds_z] = leap.packed();
     rec.dispatch(
         &kernel::Bindings {
             volume: medium.volume.sampled(),
@@ -92,11 +96,17 @@ pub fn record(
             albedo: medium.albedo,
             irradiance: irradiance.sampled(),
             state,
+            occupancy: leap.distances.sampled(),
         },
-        &kernel::Spec::default(),
+        &kernel::Spec {
+            skip: leap.skip.into(),
+            tinted: medium.flat_albedo.is_some().into(),
+            grey: (irradiance.format() == relight::format(true)).into(),
+            ..kernel::Spec::default()
+        },
         &kernel::Params {
             origin: view.origin,
-            step_length: step_length as f32,
+            step_length: part.step_length as f32,
             corner: view.corner,
             map_scale: medium.map.0,
             du: view.du,
@@ -107,9 +117,12 @@ pub fn record(
             first_row: part.first_row,
             metric_cross: view.metric_cross,
             rows: part.rows,
+            tint: medium.flat_albedo.unwrap_or([1.0; 3]).map(|a| a * light_scale),
+            bounds_x,
+            bounds_y,
+            bounds_z,
             first_step: part.first_step,
             step_count: part.step_count,
-            light_scale,
         },
         [part.width, part.rows, 1],
     )

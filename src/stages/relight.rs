@@ -6,12 +6,17 @@ use super::pack::GROUPS;
 use super::slab;
 use crate::error::Result;
 use crate::kernels::relight as kernel;
-use crate::vk::{Access, Buffer, Image, Recorder};
+use crate::vk::{Access, Buffer, Format, Image, Recorder};
 
 /// Cells per dispatch.
 const CELLS: u64 = 1 << 20;
 
-/// Records the irradiance (rgba16f, dims of the field); `images` must be readable through `views`' format, `light` holds
+/// The irradiance's format: a light that is the same in all channels needs one, beside the mean visibility.
+pub fn format(grey: bool) -> Format {
+    if grey { Format::Rg16Sfloat } else { Format::Rgba16Sfloat }
+}
+
+/// Records the irradiance ([`format`], dims of the field); `images` must be readable through `views`' format, `light` holds
 /// 16 vec4. `irradiance` must be ready for stores and is left as just written.
 ///
 /// # Errors
@@ -19,7 +24,7 @@ const CELLS: u64 = 1 << 20;
 pub fn record(
     rec: &mut Recorder,
     images: [&Image; GROUPS],
-    view: crate::vk::Format,
+    view: Format,
     light: &Buffer,
     irradiance: &Image,
     bands: u32,
@@ -41,7 +46,7 @@ pub fn record(
                 light,
                 irradiance: irradiance.storage(0),
             },
-            &kernel::Spec { bands, bits },
+            &kernel::Spec { bands, bits, grey: (irradiance.format() == format(true)).into() },
             &kernel::Params { field_dims: dims, first_slice },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;
