@@ -25,11 +25,13 @@ pub struct Lab<'a> {
     rows: Vec<Row>,
     /// Worst distance of a v₀₀ from [0, 2√π]; infinite for a coefficient that is not finite.
     outside: Option<f64>,
+    /// What every estimated coefficient is multiplied by: 1, but when the bounds themselves are tested.
+    tamper: f32,
 }
 
 impl<'a> Lab<'a> {
-    pub(super) fn new(case: &'static str, engine: &'a Engine, progress: &'a mut Progress) -> Self {
-        Self { engine, progress, case, rows: Vec::new(), outside: None }
+    pub(super) fn new(case: &'static str, engine: &'a Engine, progress: &'a mut Progress<'a>, tamper: f32) -> Self {
+        Self { engine, progress, case, rows: Vec::new(), outside: None, tamper }
     }
 
     pub(super) fn medium(&self, volume: &Volume, matter: &Matter) -> Result<Medium> {
@@ -38,7 +40,8 @@ impl<'a> Lab<'a> {
 
     /// Coefficients of some cells; whatever is estimated here must stay within an open sky.
     pub(super) fn estimate(&mut self, medium: &Medium, settings: &Visibility, cells: &[u32]) -> Result<Vec<[f32; 16]>> {
-        let v = self.engine.estimate(medium, settings, cells, self.progress)?;
+        let mut v = self.engine.estimate(medium, settings, cells, self.progress)?;
+        v.iter_mut().flatten().for_each(|c| *c *= self.tamper);
         let mut outside = self.outside.unwrap_or(0.0);
         for v in &v {
             let v00 = f64::from(v[0]);
@@ -235,5 +238,28 @@ impl Expected {
             Method::Hierarchical => (filter(m.settings.filter), self.hierarchical),
             Method::Sweep => self.sweep,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_helpers_give_what_theory_says() {
+        // An open sky, and half of one.
+        let open = truth(|_| 1.0);
+        assert!((f64::from(open[0]) - OPEN).abs() < 1e-5 && open[1..].iter().all(|c| c.abs() < 1e-3));
+        let half = truth(|w| f64::from(u8::from(w.z > 0.0)));
+        for l in 0..4 {
+            assert!((f64::from(half[sh::index(l, 0)]) - sh::zonal_half_space(l)).abs() < 1e-3);
+        }
+        assert_eq!(exit(DVec3::splat(1.0), DVec3::X, DVec3::splat(4.0)), 3.0);
+        assert_eq!(exit(DVec3::splat(1.0), DVec3::NEG_Z, DVec3::splat(4.0)), 1.0);
+        let points: Vec<(f64, f64)> = (4..12).map(|k| (f64::from(1 << k), 3.0 * f64::from(1 << k).powf(-0.75))).collect();
+        assert!((slope(&points) + 0.75).abs() < 1e-12);
+        // A number that is none is no small error.
+        assert_eq!(error(&[[f32::NAN; 16]], &[open]), f64::INFINITY);
+        assert_eq!(error(&[open], &[[f32::NAN; 16]]), f64::INFINITY);
     }
 }
