@@ -88,7 +88,8 @@ pub(super) fn axis_switch(lab: &mut Lab) -> Result<()> {
         for m in tested {
             let mut at = |degrees: f64| -> Result<Vec<f64>> {
                 let grid = turned(n, along(degrees))?;
-                let (volume, matter) = if soft { (Volume::from_fn(grid, cloud)?, linear(0.4)?) } else { (Volume::from_fn(grid, block)?, opaque()?) };
+                let (volume, matter) =
+                    if soft { (Volume::from_fn(grid, cloud)?, linear(0.4)?) } else { (Volume::from_fn(grid, block)?, opaque()?) };
                 transmittance(lab, &volume, &matter, &m.settings)
             };
             let across = jump(&at(44.95)?, &at(45.05)?);

@@ -59,7 +59,11 @@ pub(super) fn spacing(lab: &mut Lab) -> Result<()> {
                             let o = *c - x;
                             let along = o.dot(w);
                             let aside = o.length_squared() - along * along;
-                            top * (-aside / (radius * radius)).exp() * radius * 0.5 * std::f64::consts::PI.sqrt() * (1.0 + erf(along / radius))
+                            top * (-aside / (radius * radius)).exp()
+                                * radius
+                                * 0.5
+                                * std::f64::consts::PI.sqrt()
+                                * (1.0 + erf(along / radius))
                         })
                         .sum();
                     (-depth).exp()

@@ -105,9 +105,7 @@ pub(super) fn settings(method: Method, ratio: u32, directions: u32) -> Visibilit
 pub(super) fn methods(ratio: u32, directions: u32) -> Vec<Tested> {
     let base = |method| settings(method, ratio, directions);
     let mut all = vec![Tested { name: "march".into(), settings: base(Method::March) }];
-    for (filter, name) in
-        [(Filter::Box, "box"), (Filter::Product, "product"), (Filter::Axis, "axis"), (Filter::Extinction, "extinction")]
-    {
+    for (filter, name) in [(Filter::Box, "box"), (Filter::Product, "product"), (Filter::Axis, "axis"), (Filter::Extinction, "extinction")] {
         all.push(Tested { name: format!("hierarchical {name}"), settings: Visibility { filter, ..base(Method::Hierarchical) } });
     }
     all.extend(sweeps(ratio, directions));
@@ -126,7 +124,10 @@ pub(super) fn sweeps(ratio: u32, directions: u32) -> Vec<Tested> {
 
 /// One of each method: march, hierarchical as by default, sweep with one slice marched.
 pub(super) fn three(ratio: u32, directions: u32) -> Vec<Tested> {
-    methods(ratio, directions).into_iter().filter(|m| m.is(Method::March) || m.filters(Filter::Axis) || m.name.ends_with("near 1")).collect()
+    methods(ratio, directions)
+        .into_iter()
+        .filter(|m| m.is(Method::March) || m.filters(Filter::Axis) || m.name.ends_with("near 1"))
+        .collect()
 }
 
 /// Unit voxels.
@@ -152,10 +153,7 @@ pub(super) fn linear(top: f64) -> Result<Matter> {
 
 /// The same σ_t per world unit everywhere, albedo 1.
 pub(super) fn homogeneous(sigma: f64) -> Result<Matter> {
-    Ok(Matter {
-        transfer: Transfer::from_points(&[[0.0, 1.0, 1.0, 1.0, sigma]], Kind::Extinction, Reference::World)?,
-        surface: None,
-    })
+    Ok(Matter { transfer: Transfer::from_points(&[[0.0, 1.0, 1.0, 1.0, sigma]], Kind::Extinction, Reference::World)?, surface: None })
 }
 
 /// Linear index of a cell.

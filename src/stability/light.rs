@@ -3,12 +3,12 @@
 use super::Bound::{AtMost, Fails, Within};
 use super::lab::{Lab, centre, cubes, error, every, linear, opaque, settings, truth};
 use crate::error::Result;
+use crate::kernels::constants::PACK_RANGE;
 use crate::measure::packed;
 use crate::scene::grid::glam::{DAffine3, DMat3, DQuat, DVec3};
 use crate::scene::sh::{Rotation, Window};
 use crate::scene::visibility::Method;
 use crate::scene::{Grid, Light, Matter, Shading, Surface, Volume};
-use crate::kernels::constants::PACK_RANGE;
 use std::f64::consts::PI;
 
 /// Σ v L / 4π of the first channel.
@@ -25,18 +25,28 @@ pub(super) fn sun(lab: &mut Lab) -> Result<()> {
     let matter = Matter { surface: Some(Surface { iso: 0.0, shading: Shading::Isotropic, albedo: Some([1.0; 3]) }), ..linear(0.0)? };
     let medium = lab.medium(&volume, &matter)?;
     let toward = DVec3::new(0.3, -0.5, 0.8).normalize();
-    let cells: Vec<u32> = every(n)
-        .into_iter()
-        .filter(|c| c % 11 == 0 && (1.0..4.0).contains(&((centre(&grid, n, *c) - middle).length() - radius)))
-        .collect();
+    let cells: Vec<u32> =
+        every(n).into_iter().filter(|c| c % 11 == 0 && (1.0..4.0).contains(&((centre(&grid, n, *c) - middle).length() - radius))).collect();
     let hit = |x: DVec3, w: DVec3| {
         let o = x - middle;
         let b = o.dot(w);
         b < 0.0 && b * b - (o.length_squared() - radius * radius) > 0.0
     };
     let v = lab.estimate(&medium, &settings(Method::March, 1, 400), &cells)?;
-    let exact: Vec<[f32; 16]> = cells.iter().map(|&c| { let x = centre(&grid, n, c); truth(|w| f64::from(u8::from(!hit(x, w)))) }).collect();
-    lab.row("march", "field error against the ball's geometry", error(&v, &exact), AtMost(0.03), "400 directions; a ball of 12 interpolated voxels");
+    let exact: Vec<[f32; 16]> = cells
+        .iter()
+        .map(|&c| {
+            let x = centre(&grid, n, c);
+            truth(|w| f64::from(u8::from(!hit(x, w))))
+        })
+        .collect();
+    lab.row(
+        "march",
+        "field error against the ball's geometry",
+        error(&v, &exact),
+        AtMost(0.03),
+        "400 directions; a ball of 12 interpolated voxels",
+    );
     let disc = Light::cone(toward, 0.265, [1e5; 3]);
     // Irradiance over 4π: the in-scattered radiance of an unshadowed sun.
     let open = disc.coefficients[0][0] * (4.0 * PI).sqrt() / (4.0 * PI);
@@ -72,7 +82,13 @@ pub(super) fn sun(lab: &mut Lab) -> Result<()> {
         lab.row(name, "sun: most below 0, of the open sun", least, below, "four bands of a sun ring; a window gives them up");
         lab.row(name, "sun: most above, of the open sun", most, above, "as below 0");
         lab.row(name, "sun: rms error of lit or shadowed", rms, wrong, "no edge sharper than four bands; a window blurs it further");
-        lab.row(name, "sun: most that 8-bit packing changes", amplified, AtMost(half_codes), "half a code of each coefficient, all of one sign");
+        lab.row(
+            name,
+            "sun: most that 8-bit packing changes",
+            amplified,
+            AtMost(half_codes),
+            "half a code of each coefficient, all of one sign",
+        );
         lab.row(name, "sun and sky: cells below 0", dark, AtMost(0.0), "half a degree at 1e5 adds half of what the sky does");
     }
     Ok(())
@@ -122,7 +138,13 @@ pub(super) fn turned(lab: &mut Lab) -> Result<()> {
         let a = lab.estimate(&a, &m.settings, &counterpart)?;
         let b = lab.medium(&on_turned, &opaque()?)?;
         let b = lab.estimate(&b, &m.settings, &cells)?;
-        lab.row(&m.name, "quarter turn: permuted voxels, turned axes", error(&b, &a), AtMost(1e-3), "the same rays, but for rounding at edges");
+        lab.row(
+            &m.name,
+            "quarter turn: permuted voxels, turned axes",
+            error(&b, &a),
+            AtMost(1e-3),
+            "the same rays, but for rounding at edges",
+        );
         // A turn of 33 degrees about an oblique axis: light turned with the volume leaves S as it was.
         let turn = DMat3::from_quat(DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 33f64.to_radians()));
         let still = lab.medium(&plain, &opaque()?)?;

@@ -19,7 +19,13 @@ pub(super) fn long_rays(lab: &mut Lab) -> Result<()> {
     };
     // Directions times steps of one invocation, where the march, the hierarchy or a slice of the sweep must be split.
     for (name, what, n, unit, s) in [
-        ("march", "64 directions of 13,600 steps", [128usize, 32, 32], [1.0, 1.0, 1.0], Visibility { step: 0.01, ..settings(Method::March, 8, 64) }),
+        (
+            "march",
+            "64 directions of 13,600 steps",
+            [128usize, 32, 32],
+            [1.0, 1.0, 1.0],
+            Visibility { step: 0.01, ..settings(Method::March, 8, 64) },
+        ),
         (
             "hierarchical axis",
             "4096 directions of 50 steps",
@@ -69,7 +75,13 @@ pub(super) fn long_rays(lab: &mut Lab) -> Result<()> {
         let p = lab.engine.render(&medium, &lit, &camera, &image, lab.progress)?;
         let expected = 1.0 - (-sigma * 1024.0f64).exp();
         let off = (f64::from(p.rgba[0][3]) - expected).abs();
-        lab.row("raymarch", format!("a ray of {} steps: coverage", 1024.0 / step), off, AtMost(1e-3), "1 - exp(-sigma 1024); 200,000 additions in single precision");
+        lab.row(
+            "raymarch",
+            format!("a ray of {} steps: coverage", 1024.0 / step),
+            off,
+            AtMost(1e-3),
+            "1 - exp(-sigma 1024); 200,000 additions in single precision",
+        );
     }
     Ok(())
 }

@@ -63,8 +63,26 @@ pub(super) fn camera(lab: &mut Lab) -> Result<()> {
         let p = lab.engine.render(&solid, &lit, &camera, &image, lab.progress)?;
         bad += p.rgba.iter().flatten().filter(|c| !(0.0..=1.2).contains(*c)).count();
     }
-    lab.row("raymarch", format!("worst coverage of 8 views: {}", worst[0].1), worst[0].0, AtMost(1e-5), "1 - exp(-sigma chord) in single precision");
-    lab.row("raymarch", "worst coverage from 5,000 sides away", worst[1].0, AtMost(1e-3), "5e4 in single precision: 0.004 of a chord of 10");
-    lab.row("isosurface", "values of 9 views outside 0..1.2", bad as f64, AtMost(0.0), "albedo and light are 1; four bands ring by a tenth");
+    lab.row(
+        "raymarch",
+        format!("worst coverage of 8 views: {}", worst[0].1),
+        worst[0].0,
+        AtMost(1e-5),
+        "1 - exp(-sigma chord) in single precision",
+    );
+    lab.row(
+        "raymarch",
+        "worst coverage from 5,000 sides away",
+        worst[1].0,
+        AtMost(1e-3),
+        "5e4 in single precision: 0.004 of a chord of 10",
+    );
+    lab.row(
+        "isosurface",
+        "values of 9 views outside 0..1.2",
+        bad as f64,
+        AtMost(0.0),
+        "albedo and light are 1; four bands ring by a tenth",
+    );
     Ok(())
 }

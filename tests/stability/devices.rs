@@ -20,10 +20,22 @@ fn numbers(engine: &Engine) -> Vec<Vec<f32>> {
     for matter in [linear(0.7), opaque] {
         let matter: Matter = matter;
         let (_, medium) = load(engine, &volume, &matter);
-        for (method, sampling) in
-            [(Method::March, Sampling::Stratified), (Method::March, Sampling::Jittered), (Method::Hierarchical, Sampling::Stratified), (Method::Sweep, Sampling::Stratified)]
-        {
-            let s = Visibility { method, sampling, ratio: 2, directions: 96, bits: 32, step: 0.5, filter: Filter::Axis, ..Visibility::default() };
+        for (method, sampling) in [
+            (Method::March, Sampling::Stratified),
+            (Method::March, Sampling::Jittered),
+            (Method::Hierarchical, Sampling::Stratified),
+            (Method::Sweep, Sampling::Stratified),
+        ] {
+            let s = Visibility {
+                method,
+                sampling,
+                ratio: 2,
+                directions: 96,
+                bits: 32,
+                step: 0.5,
+                filter: Filter::Axis,
+                ..Visibility::default()
+            };
             let field = engine.precompute(&medium, &s, &mut quiet).expect("field");
             out.push(engine.read_field(&field).expect("read"));
             let lit = engine.relight(&field, &Light::constant([1.0, 0.5, 2.0])).expect("light");
