@@ -54,6 +54,7 @@ pub mod io;
 pub mod kernels;
 pub mod measure;
 pub mod scene;
+pub mod stability;
 pub mod stages;
 pub mod vk;
 
