@@ -3,20 +3,23 @@
 // volume, pre-integrated between taps (exact where the scalar is linear between them), and a ray is marched on over up to
 // NEAR slices wherever the four values that would be interpolated differ: T interpolated where it is smooth does not
 // diffuse. One invocation is four neighbouring cells of a row, a component of a vec4 each; they share loads, and keep
-// their 4 x 16 sums in registers over a batch of directions. Eight neighbouring invocations are a tile of 8 x 4 cells.
+// their 4 x 16 sums in registers over a batch of directions. CPU
+// devices run every branch that one lane takes: tiles without matter near have a pipeline of their own, without taps.
 // Counted per cell and direction, in the first slice: (cell edge .. sqrt(3) cell edges)/step taps with 2 table loads each
-// where matter is near, none elsewhere; 2.5 loads of T, 2 of the direction, 1 store, 16 multiply-adds, 40 flops of SH.
+// in tiles where matter is near, none elsewhere; 2.5 loads of T, 2 of the direction, 1 store, 16 multiply-adds, 40 flops of SH.
 // readwrite: transmittance, sums0, sums1, sums2, sums3
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"
 #include "sh.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 32) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
 layout(constant_id = 1) const uint NEAR = 1; // slices marched densely at most
-layout(constant_id = 2) const uint AXIS = 2; // major axis of the group: slices stand across it
+layout(constant_id = 2) const uint RING = 2; // slices that the ring holds
+layout(constant_id = 3) const uint AXIS = 2; // major axis of the group: slices stand across it
+layout(constant_id = 4) const bool DENSE = true; // false: no matter within NEAR slices and nothing to sum, T is only carried
 
 struct Direction {
     vec4 voxel; // xyz: direction in voxel space, of world length 1
@@ -26,13 +29,14 @@ struct Direction {
 layout(set = 0, binding = 0, std430) readonly buffer Directions { Direction directions[]; };
 layout(set = 0, binding = 1) uniform sampler3D volume;
 layout(set = 0, binding = 2, std430) readonly buffer Sigma { float sigma[]; };
-// Ring of NEAR + 1 slices x directions of the batch x cells of a slice.
+// Ring of RING slices x directions of the batch x cells of a slice.
 layout(set = 0, binding = 3, std430) buffer Transmittance { float transmittance[]; };
 layout(set = 0, binding = 4) uniform usampler3D cell_map; // clear cells around (4 bits), slot in the sums + 1 (0: not wanted)
-layout(set = 0, binding = 5, rgba32f) uniform image3D sums0;
-layout(set = 0, binding = 6, rgba32f) uniform image3D sums1;
-layout(set = 0, binding = 7, rgba32f) uniform image3D sums2;
-layout(set = 0, binding = 8, rgba32f) uniform image3D sums3;
+layout(set = 0, binding = 5, std430) readonly buffer Tiles { uint tiles[]; };
+layout(set = 0, binding = 6, rgba32f) uniform image3D sums0;
+layout(set = 0, binding = 7, rgba32f) uniform image3D sums1;
+layout(set = 0, binding = 8, rgba32f) uniform image3D sums2;
+layout(set = 0, binding = 9, rgba32f) uniform image3D sums3;
 
 layout(push_constant) uniform Params {
     vec3 cell_size;      // voxels
@@ -47,6 +51,7 @@ layout(push_constant) uniform Params {
     uint direction_count;
     uint begin;          // 1: the sums are fresh
     float smoothness;    // difference of neighbouring T that is interpolated rather than marched through
+    uint first_tile;
 };
 
 #include "medium.glsl"
@@ -74,10 +79,12 @@ void main() {
     uint width = field_dims[row];
     uint height = field_dims[column];
     uint area = width * height;
-    // A workgroup is 16 x 16 cells.
-    uint tiles = (width + 15u) / 16u;
+    // A workgroup is a tile, eight of its invocations a quarter of it.
+    const uint tile_row = uint(TILE_ROW);
+    uint across = (width + tile_row - 1u) / tile_row;
+    uint tile = tiles[first_tile + gl_WorkGroupID.x];
     uint l = gl_LocalInvocationID.x;
-    uvec2 at = 16u * uvec2(gl_WorkGroupID.x % tiles, gl_WorkGroupID.x / tiles);
+    uvec2 at = uvec2(tile % across * tile_row, tile / across * uint(TILE_COLUMN));
     at += uvec2(8u * (l >> 3 & 1u) + 4u * (l & 1u), 4u * (l >> 4) + (l >> 1 & 3u));
     if (at.x >= width || at.y >= height) return;
 
@@ -121,15 +128,18 @@ void main() {
             float a = float(m - 1u) * ds;
             vec4 b = min(vec4(float(m) * ds), end);
             bvec4 dense = lessThan(clear, uvec4(m));
-            if (dense.x) depth.x += optical_depth(x, d, a, b.x, scale);
-            if (dense.y) depth.y += optical_depth(x + next, d, a, b.y, scale);
-            if (dense.z) depth.z += optical_depth(x + 2.0 * next, d, a, b.z, scale);
-            if (dense.w) depth.w += optical_depth(x + 3.0 * next, d, a, b.w, scale);
+            if (DENSE) {
+                // Written out: an array indexed in a loop would live in memory.
+                if (dense.x) depth.x += optical_depth(x, d, a, b.x, scale);
+                if (dense.y) depth.y += optical_depth(x + next, d, a, b.y, scale);
+                if (dense.z) depth.z += optical_depth(x + 2.0 * next, d, a, b.z, scale);
+                if (dense.w) depth.w += optical_depth(x + 3.0 * next, d, a, b.w, scale);
+            }
             // Four cells in a row interpolate among five values in each of two rows.
             vec2 moved = float(m) * shift;
             ivec2 near_cell = ivec2(at) + ivec2(floor(moved));
             vec2 f = fract(moved);
-            slot = slot == 0u ? NEAR : slot - 1u;
+            slot = slot == 0u ? RING - 1u : slot - 1u;
             int plane = int((slot * direction_count + k) * area);
             int base = near_cell.x;
             int start = plane + clamp(near_cell.y, 0, int(height) - 1) * int(width);
@@ -158,6 +168,7 @@ void main() {
         if (stored.y) transmittance[own + 1u] = v.y;
         if (stored.z) transmittance[own + 2u] = v.z;
         if (stored.w) transmittance[own + 3u] = v.w;
+        if (!DENSE) continue;
         float y[16];
         sh_basis(directions[first_direction + k].world.xyz, y);
         s[0] += v * y[0];
@@ -166,6 +177,7 @@ void main() {
         if (BANDS > 3) for (int i = 9; i < 16; i++) s[i] += v * y[i];
     }
 
+    if (!DENSE) return;
     for (uint j = 0u; j < 4u; j++) {
         uint slot = info[j] >> 4;
         if (slot == 0u || !stored[j]) continue;

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 pub use budget::Need;
 pub use occupancy::Occupancy;
-pub use precompute::precompute_memory;
+pub use precompute::{Pass, precompute_memory};
 pub use reference::{Reference, ReferenceSettings};
 
 pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};

@@ -12,7 +12,7 @@ pub struct Occupancy {
     pub(super) distances: Image,
     blocks: [usize; 3],
     bounds: Option<[[usize; 3]; 2]>,
-    occupied: usize,
+    filled: Vec<bool>,
 }
 
 impl Occupancy {
@@ -29,7 +29,12 @@ impl Occupancy {
 
     /// Blocks that hold matter.
     pub fn occupied(&self) -> usize {
-        self.occupied
+        self.filled.iter().filter(|f| **f).count()
+    }
+
+    /// Which blocks hold matter, x fastest.
+    pub fn filled(&self) -> &[bool] {
+        &self.filled
     }
 
     /// Bytes on the device.
@@ -75,7 +80,7 @@ impl Engine {
         Ok(Occupancy {
             blocks: occupancy::block_dims(dims),
             bounds: occupancy::bounds(&read, dims),
-            occupied: read.iter().filter(|&&d| d == 0).count(),
+            filled: read.iter().map(|&d| d == 0).collect(),
             distances,
         })
     }

@@ -1,24 +1,26 @@
-//! The sweep: all cells at once, slice by slice, in batches of directions.
+//! The sweep: all cells at once, slice by slice, in batches of directions, in passes that refine.
 
 use super::{Engine, Medium, Pacer};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::{Grid, Visibility};
 use crate::stages::cell_size;
-use crate::stages::cells::{self, CellMap};
+use crate::stages::cells::{self, CellMap, Tiles};
 use crate::stages::pack::groups as coefficient_groups;
-use crate::stages::sweep::{self, Group, Slice, Sweep};
-use crate::vk::{Access, Format, Image, ImageDesc};
+use crate::stages::sweep::{self, Group, Ray, Slice, Sweep};
+use crate::vk::{Access, Buffer, Format, Image, ImageDesc};
 use std::time::Instant;
 
 /// Most bytes of swept transmittance that a batch of directions keeps: half of what one storage buffer may hold
 /// everywhere.
 const RING: u64 = 64 << 20;
 
-/// Bytes of the sums and of the swept transmittance.
-pub fn memory(grid: &Grid, settings: &Visibility) -> u64 {
+/// Bytes that a sweep holds while it runs, if `wanted` cells are summed: their sums, the cell map and its tiles, the ring.
+pub fn memory(grid: &Grid, settings: &Visibility, wanted: u64) -> u64 {
     let dims = grid.field_dims(settings.ratio as usize);
     let cells: u64 = dims.iter().map(|&n| n as u64).product();
-    cells * 4 + cells::slot_dims(cells as usize).iter().map(|&n| u64::from(n)).product::<u64>() * 16 * coefficient_groups(settings.bands) as u64 + RING.min(ring_bytes(dims, settings.near) * u64::from(settings.directions))
+    let slots: u64 = cells::slot_dims(wanted).iter().map(|&n| u64::from(n)).product();
+    let ring = RING.min(ring_bytes(dims, settings.near) * u64::from(settings.directions)).max(ring_bytes(dims, settings.near));
+    slots * 16 * coefficient_groups(settings.bands) as u64 + cells * 4 + cells / 8 + ring
 }
 
 /// Bytes of the ring per direction, for the largest slice.
@@ -26,27 +28,31 @@ fn ring_bytes(dims: [usize; 3], near: u32) -> u64 {
     (0..3).map(|a| sweep::slice_cells(dims, a) as u64).max().unwrap_or(1) * 4 * (u64::from(near) + 1)
 }
 
-/// The sums of a sweep, readable, and where each cell's stand.
-pub(super) struct Swept {
+/// A sweep under way: the sums of the directions swept so far.
+pub(super) struct Sweeper<'a> {
+    engine: &'a Engine,
+    medium: &'a Medium,
+    settings: &'a Visibility,
+    dims: [usize; 3],
+    step_length: f64,
+    tiles: Tiles,
+    tile_list: Buffer,
+    ring: Option<Buffer>,
+    pacer: Pacer,
+    /// Whether nothing was added yet.
+    begin: bool,
+    /// Which cells are wanted, and their slots.
     pub cell_map: Image,
+    /// Sums of V·Y of the wanted cells; readable between passes.
     pub sums: [Image; 4],
 }
 
-/// Difference of neighbouring T that is interpolated.
-const SMOOTHNESS: f32 = 0.1;
-
-impl Engine {
-    /// Sums of V·Y of every cell, one image per four coefficients, readable. `tell` is given the fraction done.
-    pub(super) fn sweep(&self, medium: &Medium, settings: &Visibility, tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<Swept> {
+impl<'a> Sweeper<'a> {
+    pub fn new(engine: &'a Engine, medium: &'a Medium, settings: &'a Visibility, map: &CellMap) -> Result<Self> {
         let grid = medium.grid();
         let dims = grid.field_dims(settings.ratio as usize);
-        let size = cell_size(grid, dims);
-        let step_length = f64::from(settings.step) * grid.voxel_length();
-        let mut rays = sweep::rays(settings.directions, grid);
-        let groups = sweep::groups(&mut rays, size);
-        let directions = self.device.buffer_from("directions", &rays)?;
-        let map = CellMap::everywhere(dims);
-        let cell_map = self.device.image3(&ImageDesc {
+        let device = &engine.device;
+        let cell_map = device.image3(&ImageDesc {
             name: "cell map",
             dims: dims.map(|n| n as u32),
             levels: 1,
@@ -55,17 +61,17 @@ impl Engine {
             storage: false,
         })?;
         let area = dims[0] * dims[1];
-        self.device.write_image(&cell_map, 0, &mut |z, bytes| {
-            let first = z as usize * area;
-            bytes.copy_from_slice(bytemuck::cast_slice(&map.texels[first..first + bytes.len() / 4]));
+        device.write_image(&cell_map, 0, &mut |z, bytes| {
+            for (out, texel) in bytes.chunks_exact_mut(4).zip(&map.texels[z as usize * area..]) {
+                out.copy_from_slice(&texel.to_ne_bytes());
+            }
         })?;
-
         let kept = coefficient_groups(settings.bands);
         let image = |g: usize| {
-            self.device.image3(&ImageDesc {
+            device.image3(&ImageDesc {
                 name: ["sums 0", "sums 1", "sums 2", "sums 3"][g],
                 // Coefficients beyond the bands are bound and never touched.
-                dims: if g < kept { cells::slot_dims(map.wanted) } else { [1; 3] },
+                dims: if g < kept { cells::slot_dims(map.wanted as u64) } else { [1; 3] },
                 levels: 1,
                 format: Format::Rgba32Sfloat,
                 views: &[],
@@ -73,28 +79,67 @@ impl Engine {
             })
         };
         let sums = [image(0)?, image(1)?, image(2)?, image(3)?];
+        let mut rec = device.record()?;
+        // Fresh sums: the first batch stores without loading.
+        rec.barrier(&sums.each_ref().map(|i| i.mip(0).from(Access::None).to(Access::ComputeRead)));
+        rec.submit()?;
+        let tiles = Tiles::new(dims, map);
+        let tile_list = device.buffer_from("tiles", &tiles.list)?;
+        let step_length = f64::from(settings.step) * grid.voxel_length();
+        let pacer = Pacer::new(4, 1 << 16);
+        Ok(Self { engine, medium, settings, dims, step_length, tiles, tile_list, ring: None, pacer, begin: true, cell_map, sums })
+    }
 
-        // Directions of a batch: as many as the ring holds and one dispatch may loop over.
-        let taps = (0..3).map(|a| size[a]).fold(0f32, f32::max) * 2.0 / settings.step + 2.0;
-        let loops = u64::from(self.device.loop_limit()) / (taps.ceil() as u64 * u64::from(settings.near) + 8);
-        let most = (RING / ring_bytes(dims, settings.near)).min(loops).clamp(1, 1 << 16) as u32;
+    /// Adds directions to the sums. `tell` is given the fraction of the pass that is done.
+    pub fn pass(&mut self, rays: &[Ray], tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<()> {
+        let device = &self.engine.device;
+        let (dims, near) = (self.dims, self.settings.near);
+        let size = cell_size(self.medium.grid(), dims);
+        let mut rays = rays.to_vec();
+        let groups = sweep::groups(&mut rays, size);
+        let directions = device.buffer_from("directions", &rays)?;
+
+        // Directions of a batch: as many as the ring holds and one dispatch may loop over; four cells march one after another.
+        let taps = groups.iter().flat_map(|g| {
+            let run = &rays[g.first as usize..(g.first + g.count) as usize];
+            run.iter().map(|d| size[g.axis] / d.voxel[g.axis].abs() / self.step_length as f32)
+        });
+        let taps = taps.fold(0f32, f32::max).ceil() as u64 + 2;
+        let loops = u64::from(device.loop_limit()) / (4 * taps * u64::from(near) + 8);
+        if loops == 0 {
+            return Err(Error::Invalid {
+                item: "visibility.step",
+                what: format!("{} voxels make {taps} steps from slice to slice", self.settings.step),
+                right: format!("this device runs at most {} in one dispatch; take a longer step", device.loop_limit()),
+            });
+        }
+        let most = (RING / ring_bytes(dims, near)).min(loops).clamp(1, 1 << 16) as u32;
         let batch = groups.iter().map(|g| g.count).max().unwrap_or(1).min(most);
-        let ring = self.device.buffer::<f32>("transmittance", (ring_bytes(dims, settings.near) / 4 * u64::from(batch)) as usize)?;
+        let ring_bytes = ring_bytes(dims, near) * u64::from(batch);
+        let ring = match self.ring.take() {
+            Some(ring) if ring.len_bytes() >= ring_bytes => ring,
+            _ => {
+                let ring = device.buffer::<f32>("transmittance", (ring_bytes / 4) as usize)?;
+                let mut rec = device.record()?;
+                // A batch's first slices load nothing from it.
+                rec.barrier(&[ring.all().from(Access::None).to(Access::ComputeReadWrite)]);
+                rec.submit()?;
+                ring
+            }
+        };
         let job = Sweep {
             field_dims: dims,
             directions: &directions,
             transmittance: &ring,
-            cell_map: &cell_map,
-            sums: sums.each_ref(),
-            bands: settings.bands,
-            near: settings.near,
-            smoothness: SMOOTHNESS,
+            cell_map: &self.cell_map,
+            tiles: &self.tile_list,
+            sums: self.sums.each_ref(),
+            bands: self.settings.bands,
+            near,
         };
-
-        let mut rec = self.device.record()?;
-        // Fresh sums and ring: the first batch stores without loading, a batch's first slices load nothing.
-        rec.barrier(&sums.each_ref().map(|i| i.mip(0).from(Access::None).to(Access::ComputeReadWrite)));
-        rec.barrier(&[ring.all().from(Access::None).to(Access::ComputeReadWrite)]);
+        let mut rec = device.record()?;
+        // What read the sums of the pass before is done.
+        rec.barrier(&self.sums.each_ref().map(|i| i.mip(0).from(Access::ComputeRead).to(Access::ComputeReadWrite)));
         rec.submit()?;
 
         let batches: Vec<Group> = groups
@@ -103,37 +148,48 @@ impl Engine {
                 (0..g.count).step_by(most as usize).map(|from| Group { first: g.first + from, count: most.min(g.count - from), ..*g })
             })
             .collect();
-        let total: u64 = batches.iter().map(|b| u64::from(b.count) * dims[b.axis] as u64 * sweep::slice_cells(dims, b.axis) as u64).sum();
+        let work = |b: &Group, slices: u32| u64::from(slices) * u64::from(b.count) * sweep::slice_cells(dims, b.axis) as u64;
+        let total: u64 = batches.iter().map(|b| work(b, dims[b.axis] as u32)).sum();
         let mut done = 0;
-        let mut begin = true;
-        let mut pacer = Pacer::new(4, 1 << 16);
         for b in batches {
             let slices = dims[b.axis] as u32;
             let mut order = 0;
             while order < slices {
-                let count = pacer.size.min(slices - order);
+                let count = self.pacer.size.min(slices - order);
                 let start = Instant::now();
-                let mut rec = self.device.record()?;
+                let mut rec = device.record()?;
                 for order in order..order + count {
                     let index = if b.rising { slices - 1 - order } else { order };
-                    let slice = Slice { axis: b.axis, index, order, first_direction: b.first, direction_count: b.count, begin };
-                    sweep::record(&mut rec, &medium.view(), &job, slice, step_length)?;
-                    // The next slice reads what this one swept, and another batch adds to the same sums.
-                    rec.barrier(&[ring.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
-                    rec.barrier(&sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
+                    for (tiles, dense) in self.tiles.of(b.axis, index as usize) {
+                        let slice = Slice {
+                            axis: b.axis,
+                            index,
+                            order,
+                            tiles,
+                            dense,
+                            first_direction: b.first,
+                            direction_count: b.count,
+                            begin: self.begin,
+                        };
+                        sweep::record(&mut rec, &self.medium.view(), &job, slice, self.step_length)?;
+                        // The next slice reads what this one swept, and another batch adds to the same sums.
+                        rec.barrier(&[ring.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                        rec.barrier(&self.sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
+                    }
                 }
                 rec.submit()?;
-                pacer.took(count, start.elapsed().as_secs_f64());
+                self.pacer.took(count, start.elapsed().as_secs_f64());
                 order += count;
-                done += u64::from(count) * u64::from(b.count) * sweep::slice_cells(dims, b.axis) as u64;
+                done += work(&b, count);
                 tell(done as f64 / total as f64)?;
             }
-            begin = false;
+            self.begin = false;
         }
-        let mut rec = self.device.record()?;
-        // The finished sums are only read from here on.
-        rec.barrier(&sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeRead)));
+        let mut rec = device.record()?;
+        // The sums are read next.
+        rec.barrier(&self.sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeRead)));
         rec.submit()?;
-        Ok(Swept { cell_map, sums })
+        self.ring = Some(ring);
+        Ok(())
     }
 }

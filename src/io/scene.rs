@@ -9,7 +9,7 @@ use crate::scene::scene::{
     VolumeSettings, Windowing,
 };
 use crate::scene::transfer::{Kind, Reference, Transfer};
-use crate::scene::visibility::{Filter, Method, Sampling, Visibility};
+use crate::scene::visibility::{Cells, Filter, Method, Sampling, Visibility};
 use glam::DVec3;
 use std::io::Read;
 use std::path::Path;
@@ -200,6 +200,7 @@ fn visibility(s: &Settings) -> Result<Visibility> {
         growth: number("visibility.growth", "it must lie in 0.05..4", default.growth)?,
         step: number("visibility.step", "it must lie in 0.01..16", default.step)?,
         near: integer("visibility.near", "it must be 1 to 8 slices", default.near)?,
+        cells: s.choice("visibility.cells", &[("matter", Cells::Matter), ("all", Cells::All)])?.unwrap_or_default(),
     };
     settings.check().map_err(|e| match e {
         Error::Invalid { item, what, right } => s.origins.error(item, format!("is {what}"), right),

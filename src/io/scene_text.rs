@@ -4,7 +4,7 @@
 use crate::scene::camera::Space;
 use crate::scene::scene::{Background, LightSource, Scene, Shading, TransferSource, Windowing};
 use crate::scene::transfer::{Kind, Reference};
-use crate::scene::visibility::{Filter, Method, Sampling};
+use crate::scene::visibility::{Cells, Filter, Method, Sampling};
 use toml::{Table, Value};
 
 /// The scene's text. Paths are as the scene holds them.
@@ -158,6 +158,7 @@ fn visibility(scene: &Scene) -> Table {
         ("growth", short(v.growth)),
         ("step", short(v.step)),
         ("near", integer(v.near.into())),
+        ("cells", word(if v.cells == Cells::All { "all" } else { "matter" })),
     ])
 }
 

@@ -237,7 +237,9 @@ impl Table {
         Self {
             lo: lo as f32,
             hi: hi as f32,
-            sigma: (0..TABLE_SIZE).map(|i| if i < TABLE_SIZE / 2 { 0.0 } else { sigma as f32 }).collect(),
+            // The kernels' table coordinate is off by tens of entries in single precision: the step stands that far below
+            // iso, so that data at iso itself is always inside.
+            sigma: (0..TABLE_SIZE).map(|i| if i < TABLE_SIZE / 2 - 128 { 0.0 } else { sigma as f32 }).collect(),
             albedo: vec![[r, g, b, 0.0]; TABLE_SIZE],
         }
     }

@@ -38,6 +38,19 @@ pub enum Sampling {
     Jittered,
 }
 
+/// Most directions of a sweep: their order takes N² work.
+pub const MAX_SWEPT: u32 = 4096;
+
+/// Which cells of the field are computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cells {
+    /// Those that a renderer reads: within two cells of matter. The others are zero.
+    #[default]
+    Matter,
+    /// All.
+    All,
+}
+
 /// Settings of a visibility field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visibility {
@@ -59,8 +72,10 @@ pub struct Visibility {
     pub growth: f32,
     /// Step length in voxels (`march`; `sweep`, at most).
     pub step: f32,
-    /// Slices of field cells that a ray is marched densely before the swept transmittance is trusted (`sweep`).
+    /// Slices of field cells that a ray is marched densely, at most, before the swept transmittance is trusted (`sweep`).
     pub near: u32,
+    /// Which cells are computed.
+    pub cells: Cells,
 }
 
 impl Default for Visibility {
@@ -76,6 +91,7 @@ impl Default for Visibility {
             growth: 0.25,
             step: 1.0,
             near: 1,
+            cells: Cells::Matter,
         }
     }
 }
@@ -112,6 +128,10 @@ impl Visibility {
         }
         if !(1..=8).contains(&self.near) {
             return bad("visibility.near", format!("{}", self.near), "it must be 1 to 8 slices");
+        }
+        if self.method == Method::Sweep && self.directions > MAX_SWEPT {
+            let right = format!("a sweep takes at most {MAX_SWEPT}; more would not show beside its own error");
+            return bad("visibility.directions", format!("{}", self.directions), &right);
         }
         if self.method == Method::Sweep && self.sampling == Sampling::Jittered {
             return bad("visibility.sampling", "jittered".into(), "a sweep takes one set of directions for all cells: stratified");

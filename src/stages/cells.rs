@@ -1,10 +1,13 @@
 //! Which cells of a field anybody reads, and how far each is from matter: what estimators may leave out.
 
-use crate::kernels::constants::SLOT_ROW;
+use crate::kernels::constants::{BLOCK, SLOT_ROW, TILE_COLUMN, TILE_ROW};
 
 /// Cells around matter that are wanted: renderers read the cells around a sample in matter, and one further along the
 /// normal.
 pub const MARGIN: u8 = 2;
+
+/// More cells than a map can number.
+pub const MOST: u64 = 1 << 28;
 
 /// Farthest distance that a map tells, cells.
 const FAR: u8 = 15;
@@ -18,35 +21,101 @@ pub struct CellMap {
     pub wanted: usize,
 }
 
+/// Cells of a field of `dims` that share a voxel with a block that holds matter. `blocks` are those of the occupancy, over a
+/// volume of `voxels`.
+pub fn matter(filled: &[bool], blocks: [usize; 3], voxels: [usize; 3], dims: [usize; 3]) -> Vec<bool> {
+    // Cells that a block overlaps along an axis.
+    let span = |block: usize, a: usize| {
+        let (first, last) = (block * BLOCK, (block * BLOCK + BLOCK).min(voxels[a]) - 1);
+        // Cell i runs from voxel i·voxels/dims.
+        first * dims[a] / voxels[a]..=(((last + 1) * dims[a]).div_ceil(voxels[a]) - 1).min(dims[a] - 1)
+    };
+    let mut out = vec![false; dims.iter().product()];
+    for (i, _) in filled.iter().enumerate().filter(|(_, f)| **f) {
+        let block = [i % blocks[0], i / blocks[0] % blocks[1], i / blocks[0] / blocks[1]];
+        for z in span(block[2], 2) {
+            for y in span(block[1], 1) {
+                let row = dims[0] * (y + dims[1] * z);
+                let x = span(block[0], 0);
+                out[row + x.start()..=row + x.end()].fill(true);
+            }
+        }
+    }
+    out
+}
+
 /// Texels of an image that holds `wanted` slots.
-pub fn slot_dims(wanted: usize) -> [u32; 3] {
+pub fn slot_dims(wanted: u64) -> [u32; 3] {
     let row = SLOT_ROW as u32;
-    [row, row, wanted.div_ceil(SLOT_ROW * SLOT_ROW).max(1) as u32]
+    [row, row, wanted.div_ceil(u64::from(row * row)).max(1) as u32]
 }
 
 impl CellMap {
-    /// All cells wanted, none known to be clear.
-    pub fn everywhere(dims: [usize; 3]) -> Self {
-        let wanted = dims.iter().product();
-        Self { texels: (1..=wanted as u32).map(|slot| slot << 4).collect(), wanted }
+    /// Cells within [`MARGIN`] of a cell that holds `matter` are wanted, those of `also`, or all.
+    pub fn new(dims: [usize; 3], matter: &[bool], also: &[u32], all: bool) -> Self {
+        let distances = distances(dims, matter);
+        let mut wants: Vec<bool> = distances.iter().map(|&d| all || d <= MARGIN).collect();
+        for &cell in also {
+            wants[cell as usize] = true;
+        }
+        let mut wanted = 0;
+        let texel = |(distance, wants): (u8, bool)| {
+            wanted += usize::from(wants);
+            u32::from(distance.saturating_sub(1)) | if wants { (wanted as u32) << 4 } else { 0 }
+        };
+        let texels = distances.into_iter().zip(wants).map(texel).collect();
+        Self { texels, wanted }
     }
 
-    /// Cells within [`MARGIN`] of a cell that holds `matter` are wanted, or all.
-    pub fn new(dims: [usize; 3], matter: &[bool], all: bool) -> Self {
-        let mut wanted = 0;
-        let texels = distances(dims, matter)
-            .into_iter()
-            .map(|distance| {
-                let clear = u32::from(distance.saturating_sub(1));
-                if all || distance <= MARGIN {
-                    wanted += 1;
-                    clear | (wanted as u32) << 4
-                } else {
-                    clear
+    /// Linear indices of the cells that are wanted, or of those that are not.
+    pub fn cells(&self, wanted: bool) -> Vec<u32> {
+        let is = |t: &u32| (t >> 4 > 0) == wanted;
+        self.texels.iter().enumerate().filter(|(_, t)| is(t)).map(|(i, _)| i as u32).collect()
+    }
+}
+
+/// Slices cut into tiles of [`TILE_ROW`] x [`TILE_COLUMN`] cells: first those of a slice in which some cell is wanted or near
+/// matter, then those through which transmittance is only carried.
+pub struct Tiles {
+    /// Tile numbers, row of tiles after row, slice after slice, axis after axis.
+    pub list: Vec<u32>,
+    /// Per axis and slice: first tile of the list, how many are worked on, and how many only carried.
+    runs: [Vec<[u32; 3]>; 3],
+}
+
+impl Tiles {
+    /// The tiles of a field of `dims` cells.
+    pub fn new(dims: [usize; 3], map: &CellMap) -> Self {
+        let strides = [1, dims[0], dims[0] * dims[1]];
+        let mut list = Vec::new();
+        let mut runs: [Vec<[u32; 3]>; 3] = Default::default();
+        for (axis, runs) in runs.iter_mut().enumerate() {
+            let [row, column] = super::sweep::plane(axis);
+            let (width, height) = (dims[row].div_ceil(TILE_ROW), dims[column].div_ceil(TILE_COLUMN));
+            for slice in 0..dims[axis] {
+                let mut busy = vec![false; width * height];
+                for j in 0..dims[column] {
+                    let first = slice * strides[axis] + j * strides[column];
+                    for i in 0..dims[row] {
+                        let texel = map.texels[first + i * strides[row]];
+                        busy[i / TILE_ROW + width * (j / TILE_COLUMN)] |= texel >> 4 > 0 || texel & 15 < u32::from(MARGIN);
+                    }
                 }
-            })
-            .collect();
-        Self { texels, wanted }
+                let first = list.len() as u32;
+                for wanted in [true, false] {
+                    list.extend((0..busy.len() as u32).filter(|&t| busy[t as usize] == wanted));
+                }
+                let worked = busy.iter().filter(|b| **b).count() as u32;
+                runs.push([first, worked, list.len() as u32 - first - worked]);
+            }
+        }
+        Self { list, runs }
+    }
+
+    /// The tiles of a slice as (first, count) of the list, and whether they are worked on or only carried.
+    pub fn of(&self, axis: usize, slice: usize) -> impl Iterator<Item = ([u32; 2], bool)> {
+        let [first, worked, carried] = self.runs[axis][slice];
+        [([first, worked], true), ([first + worked, carried], false)].into_iter().filter(|([_, count], _)| *count > 0)
     }
 }
 
@@ -98,10 +167,37 @@ mod tests {
                 }
             }
         }
-        let map = CellMap::new(dims, &matter, false);
+        let map = CellMap::new(dims, &matter, &[], false);
         assert_eq!(map.texels[at(a)] & 15, 0);
         assert_eq!(map.wanted, d.iter().filter(|&&d| d <= MARGIN).count());
         assert_eq!(map.texels.iter().filter(|&&t| t >> 4 > 0).count(), map.wanted);
+        assert_eq!(CellMap::new(dims, &matter, &[0], false).wanted, map.wanted + usize::from(d[0] > MARGIN));
+        assert_eq!(map.cells(true).len(), map.wanted);
+        // Every tile of every slice stands once, and none that holds a wanted cell is only carried.
+        let tiles = Tiles::new(dims, &map);
+        for axis in 0..3 {
+            let [row, column] = super::super::sweep::plane(axis);
+            for slice in 0..dims[axis] {
+                let mut seen = Vec::new();
+                for ([first, count], worked) in tiles.of(axis, slice) {
+                    for &t in &tiles.list[first as usize..(first + count) as usize] {
+                        seen.push(t);
+                        let width = dims[row].div_ceil(TILE_ROW);
+                        let (i, j) = (t as usize % width * TILE_ROW, t as usize / width * TILE_COLUMN);
+                        let any = (j..dims[column].min(j + TILE_COLUMN)).any(|j| {
+                            (i..dims[row].min(i + TILE_ROW)).any(|i| {
+                                let mut p = [0; 3];
+                                (p[axis], p[row], p[column]) = (slice, i, j);
+                                d[at(p)] <= MARGIN
+                            })
+                        });
+                        assert_eq!(any, worked);
+                    }
+                }
+                seen.sort_unstable();
+                assert_eq!(seen, (0..(dims[row].div_ceil(TILE_ROW) * dims[column].div_ceil(TILE_COLUMN)) as u32).collect::<Vec<_>>());
+            }
+        }
         assert!(distances(dims, &vec![false; matter.len()]).iter().all(|&d| d == 15));
     }
 }

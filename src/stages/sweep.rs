@@ -3,9 +3,11 @@
 //! with classification after interpolation, and on over up to `near` slices wherever the four values that would be interpolated differ by more than `smoothness`. The cost
 //! per cell and direction does not grow with the volume; the error is that of interpolating T from slice to slice.
 
+use super::cells::MARGIN;
 use super::directions::{fibonacci, safe_voxel, spread};
 use super::{MediumView, cell_size, dims_f32, dims_u32, twin};
 use crate::error::Result;
+use crate::kernels::constants::{TILE_COLUMN, TILE_ROW};
 use crate::kernels::{gather, sweep as kernel};
 use crate::scene::transfer::Table;
 use crate::scene::{Grid, Volume, sh};
@@ -28,6 +30,42 @@ pub fn rays(n: u32, grid: &Grid) -> Vec<Ray> {
     let to_voxel = grid.world_to_voxel().matrix3;
     let ray = |w: DVec3| Ray { voxel: safe_voxel(to_voxel * w), world: [w.x as f32, w.y as f32, w.z as f32, 0.0] };
     spread(&fibonacci(n)).into_iter().map(ray).collect()
+}
+
+/// What makes least squares of sums over a direction set: the inverse of the Gram matrix (4π/N)ΣY_i·Y_j of the `kept` first
+/// harmonics, rows of 16, coefficients beyond them untouched. A beginning of a set is less even than the whole; with this
+/// a visibility of four bands is recovered exactly from it. `None` where the set is too small to tell them apart.
+pub fn correction(rays: &[Ray], kept: usize) -> Option<Vec<f32>> {
+    // [Gram | identity], brought to [identity | inverse].
+    let mut m = [[0f64; 32]; 16];
+    for (i, row) in m.iter_mut().enumerate() {
+        row[16 + i] = 1.0;
+        row[i] = if i < kept { 0.0 } else { 1.0 };
+    }
+    for ray in rays {
+        let y = sh::basis(DVec3::new(ray.world[0].into(), ray.world[1].into(), ray.world[2].into()));
+        for i in 0..kept {
+            for j in 0..kept {
+                m[i][j] += 4.0 * std::f64::consts::PI / rays.len() as f64 * y[i] * y[j];
+            }
+        }
+    }
+    for k in 0..16 {
+        let best = (k..16).max_by(|&a, &b| f64::total_cmp(&m[a][k].abs(), &m[b][k].abs()))?;
+        m.swap(k, best);
+        // Worse conditioned than this, it would amplify what lies between the directions.
+        if m[k][k].abs() < 0.05 {
+            return None;
+        }
+        let pivot = m[k];
+        for (i, row) in m.iter_mut().enumerate() {
+            let factor = if i == k { 1.0 - 1.0 / pivot[k] } else { row[k] / pivot[k] };
+            for (a, p) in row.iter_mut().zip(pivot) {
+                *a -= factor * p;
+            }
+        }
+    }
+    Some(m.iter().flat_map(|row| row[16..].iter().map(|v| *v as f32)).collect())
 }
 
 /// Directions of one major axis and sign, a run of the sorted table.
@@ -82,15 +120,18 @@ pub struct Sweep<'a> {
     pub transmittance: &'a Buffer,
     /// Which cells are wanted and which are clear of matter ([`super::cells::CellMap`]).
     pub cell_map: &'a Image,
+    /// Tiles of all slices ([`super::cells::Tiles`]).
+    pub tiles: &'a Buffer,
     /// Four rgba32f images of the wanted cells' slots; read and written.
     pub sums: [&'a Image; 4],
     /// SH bands to sum.
     pub bands: u32,
     /// Slices marched densely at most before the swept value.
     pub near: u32,
-    /// Difference of neighbouring T that is interpolated rather than marched through.
-    pub smoothness: f32,
 }
+
+/// Difference of neighbouring T that is interpolated rather than marched through.
+pub const SMOOTHNESS: f32 = 0.1;
 
 /// One slice of one batch.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +142,10 @@ pub struct Slice {
     pub index: u32,
     /// How many slices of this batch were swept before: 0 is where the rays leave.
     pub order: u32,
+    /// First tile, and tiles.
+    pub tiles: [u32; 2],
+    /// Whether these tiles are worked on, or transmittance is only carried through them.
+    pub dense: bool,
     /// First direction of the batch.
     pub first_direction: u32,
     /// Directions of the batch.
@@ -121,12 +166,20 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             sigma: medium.sigma,
             transmittance: sweep.transmittance,
             cell_map: sweep.cell_map.sampled().as_nearest(),
+            tiles: sweep.tiles,
             sums0: sweep.sums[0].storage(0),
             sums1: sweep.sums[1].storage(0),
             sums2: sweep.sums[2].storage(0),
             sums3: sweep.sums[3].storage(0),
         },
-        &kernel::Spec { bands: sweep.bands, near: sweep.near, axis: slice.axis as u32 },
+        &kernel::Spec {
+            bands: sweep.bands,
+            // Carried tiles are at least two slices from matter: nothing is to be marched there.
+            near: if slice.dense { sweep.near } else { sweep.near.min(u32::from(MARGIN)) },
+            ring: sweep.near + 1,
+            axis: slice.axis as u32,
+            dense: slice.dense,
+        },
         &kernel::Params {
             cell_size: cell_size(medium.grid, sweep.field_dims),
             step_length: step_length as f32,
@@ -139,10 +192,11 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             first_direction: slice.first_direction,
             direction_count: slice.direction_count,
             begin: u32::from(slice.begin),
-            smoothness: sweep.smoothness,
+            smoothness: SMOOTHNESS,
+            first_tile: slice.tiles[0],
         },
-        // A workgroup of 64 invocations takes 16 x 16 cells.
-        [plane(slice.axis).iter().map(|&a| sweep.field_dims[a].div_ceil(16) as u32).product::<u32>() * 64, 1, 1],
+        // A workgroup takes a tile.
+        [slice.tiles[1] * (TILE_ROW * TILE_COLUMN / 4) as u32, 1, 1],
     )
 }
 
@@ -150,7 +204,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &Image, images: [&Image; 4]) -> Result<()> {
+pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &Image, images: [&Image; 4], correction: Option<&Buffer>) -> Result<()> {
     rec.dispatch(
         &gather::Bindings {
             cells: run.cells,
@@ -159,9 +213,10 @@ pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &
             sums1: images[1].sampled(),
             sums2: images[2].sampled(),
             sums3: images[3].sampled(),
+            correction: correction.unwrap_or(run.cells),
             sums: run.sums,
         },
-        &gather::Spec { bands: run.bands },
+        &gather::Spec { bands: run.bands, correct: correction.is_some() },
         &gather::Params { field_dims: dims_u32(run.field_dims), cell_count: run.cell_count, capacity: run.capacity },
         [run.cell_count, 1, 1],
     )
@@ -172,8 +227,6 @@ pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &
 pub struct Settings {
     /// Slices marched densely at most.
     pub near: u32,
-    /// Difference of neighbouring T that is interpolated.
-    pub smoothness: f32,
     /// Longest step, world units.
     pub step_length: f64,
 }
@@ -230,7 +283,7 @@ pub fn reference(volume: &Volume, table: &Table, field_dims: [usize; 3], rays: &
                             let around: Vec<f32> =
                                 near(p[1], height).into_iter().flat_map(|y| near(p[0], width).map(|x| read([x, y, 0]))).collect();
                             let range = around.iter().fold(0f32, |m, v| m.max(*v)) - around.iter().fold(1f32, |m, v| m.min(*v));
-                            done &= through * range <= settings.smoothness;
+                            done &= through * range <= SMOOTHNESS;
                         }
                         if done {
                             break;
