@@ -1,12 +1,12 @@
 // sweep: short characteristics. For the directions of one group (same major axis and sign) slices are swept from the side
-// that the rays leave by: T(x) = exp(-tau(x -> next slice)) * bilinear(T of that slice). tau is marched densely through the
-// volume, pre-integrated between taps (exact where the scalar is linear between them), and a ray is marched on over up to
-// NEAR slices wherever the four values that would be interpolated differ: T interpolated where it is smooth does not
-// diffuse. One invocation is four neighbouring cells of a row, a component of a vec4 each; they share loads, and keep
-// their 4 x 16 sums in registers over a batch of directions. CPU
-// devices run every branch that one lane takes: tiles without matter near have a pipeline of their own, without taps.
-// Counted per cell and direction, in the first slice: (cell edge .. sqrt(3) cell edges)/step taps with 2 table loads each
-// in tiles where matter is near, none elsewhere; 2.5 loads of T, 2 of the direction, 1 store, 16 multiply-adds, 40 flops of SH.
+// that the rays leave by: T(x) = exp(-tau(x -> slice NEAR further on)) * bilinear(T of that slice), tau marched densely
+// through the volume: the nearer matter is exact, and each interpolation of T, which diffuses, spans NEAR slices.
+// One invocation is four neighbouring cells of a row, a component of a vec4 each; they share loads, and keep their 4 x 16
+// sums in registers over a batch of directions. CPU devices run every branch that one lane takes: tiles without matter
+// near have a pipeline of their own, without taps.
+// Counted per cell and direction: NEAR * (cell edge .. sqrt(3) cell edges)/step taps with 2 table loads each in tiles where
+// matter is near, none elsewhere; 2.5 loads of T, 2 of the direction, 1 store, 16 multiply-adds, 40 flops of harmonics.
+// Per cell, group of directions and pass: 8 image loads and stores.
 // readwrite: transmittance, sums0, sums1, sums2, sums3
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -16,7 +16,7 @@
 layout(local_size_x = 32) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
-layout(constant_id = 1) const uint NEAR = 1; // slices marched densely at most
+layout(constant_id = 1) const uint NEAR = 1; // slices marched densely
 layout(constant_id = 2) const uint RING = 2; // slices that the ring holds
 layout(constant_id = 3) const uint AXIS = 2; // major axis of the group: slices stand across it
 layout(constant_id = 4) const bool DENSE = true; // false: no matter within NEAR slices and nothing to sum, T is only carried
@@ -50,19 +50,23 @@ layout(push_constant) uniform Params {
     uint first_direction;
     uint direction_count;
     uint begin;          // 1: the sums are fresh
-    float smoothness;    // difference of neighbouring T that is interpolated rather than marched through
     uint first_tile;
 };
 
 #include "medium.glsl"
 #include "slots.glsl"
 
-// Optical depth along the ray from distance a to b, by the midpoint rule with even steps of at most step_length.
-float optical_depth(vec3 x, vec3 d, float a, float b, vec3 scale) {
-    float n = ceil((b - a) / step_length - 1e-3);
-    float s = (b - a) / max(n, 1.0);
+// Optical depth along the ray up to distance b, by the midpoint rule with n even steps. n is the same for all invocations:
+// lavapipe 22.3.6 takes what a loop leaves behind from its last run, also for invocations that left it earlier; and it runs
+// a loop's body once more after a question at the top is denied, so all loops here ask at the end.
+float optical_depth(vec3 x, vec3 d, float b, float n, vec3 scale) {
+    float s = max(b, 0.0) / n;
+    float i = 0.5;
     float sum = 0.0;
-    for (float i = 0.5; i < n; i += 1.0) sum += extinction(textureLod(volume, (x + d * (a + i * s)) * scale, 0.0).r);
+    do {
+        sum += extinction(textureLod(volume, (x + d * (i * s)) * scale, 0.0).r);
+        i += 1.0;
+    } while (i < n);
     return sum * s;
 }
 
@@ -107,13 +111,14 @@ void main() {
     uvec4 info = uvec4(texelFetch(cell_map, p0, 0).x, texelFetch(cell_map, p1, 0).x, texelFetch(cell_map, p2, 0).x, texelFetch(cell_map, p3, 0).x);
     // What stands beyond the row is neither marched nor stored.
     bvec4 stored = lessThan(uvec4(FOUR) + at.x, uvec4(width));
-    uvec4 clear = mix(uvec4(15u), info & 15u, stored);
+    bvec4 dense = lessThan(mix(uvec4(15u), info & 15u, stored), uvec4(NEAR)); // matter may be near
     vec4 row_place = FOUR + float(at.x);
     float last_row = float(height) - 1.0;
 
     vec4 s[16];
     for (int i = 0; i < 16; i++) s[i] = vec4(0.0);
-    for (uint k = 0u; k < direction_count; k++) {
+    uint k = 0u;
+    do {
         vec3 d = directions[first_direction + k].voxel.xyz;
         float ds = cell_size[AXIS] / abs(d[AXIS]); // world distance from slice to slice
         vec2 shift = vec2(d[row] / cell_size[row], d[column] / cell_size[column]) * ds;
@@ -122,60 +127,52 @@ void main() {
         vec4 end = min(vec4(room), (wall[row] - FOUR * cell_size[row]) / d[row]);
 
         vec4 depth = vec4(0.0);
-        vec4 v = vec4(0.0);
-        uint slot = ring_slot;
-        for (uint m = 1u; m <= NEAR; m++) {
-            float a = float(m - 1u) * ds;
-            vec4 b = min(vec4(float(m) * ds), end);
-            bvec4 dense = lessThan(clear, uvec4(m));
-            if (DENSE) {
-                // Written out: an array indexed in a loop would live in memory.
-                if (dense.x) depth.x += optical_depth(x, d, a, b.x, scale);
-                if (dense.y) depth.y += optical_depth(x + next, d, a, b.y, scale);
-                if (dense.z) depth.z += optical_depth(x + 2.0 * next, d, a, b.z, scale);
-                if (dense.w) depth.w += optical_depth(x + 3.0 * next, d, a, b.w, scale);
-            }
-            // Four cells in a row interpolate among five values in each of two rows.
-            vec2 moved = float(m) * shift;
-            ivec2 near_cell = ivec2(at) + ivec2(floor(moved));
-            vec2 f = fract(moved);
-            slot = slot == 0u ? RING - 1u : slot - 1u;
-            int plane = int((slot * direction_count + k) * area);
-            int base = near_cell.x;
-            int start = plane + clamp(near_cell.y, 0, int(height) - 1) * int(width);
-            vec4 ul = vec4(LOAD(0), LOAD(1), LOAD(2), LOAD(3));
-            vec4 ur = vec4(ul.yzw, LOAD(4));
-            start = plane + clamp(near_cell.y + 1, 0, int(height) - 1) * int(width);
-            vec4 ll = vec4(LOAD(0), LOAD(1), LOAD(2), LOAD(3));
-            vec4 lr = vec4(ll.yzw, LOAD(4));
-            vec4 swept = mix(mix(ul, ur, f.x), mix(ll, lr, f.x), f.y);
-            // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
-            vec4 place_x = row_place + moved.x;
-            float place_y = float(at.y) + moved.y;
-            vec4 out_x = max(max(-place_x, place_x - float(last)), vec4(0.0));
-            float out_y = max(max(-place_y, place_y - last_row), 0.0);
-            vec4 inside = clamp(1.0 - 2.0 * out_x, 0.0, 1.0) * clamp(1.0 - 2.0 * out_y, 0.0, 1.0);
-            bvec4 left = greaterThanEqual(vec4(float(m) * ds), end); // the ray has left the volume
-            vec4 through = exp(-depth);
-            v = through * mix(mix(vec4(1.0), swept, inside), vec4(1.0), left);
-            if (m < NEAR) {
-                vec4 spread = through * (max(max(ul, ur), max(ll, lr)) - min(min(ul, ur), min(ll, lr)));
-                if (!any(greaterThan(mix(vec4(0.0), spread, stored), vec4(smoothness)))) break;
-            }
+        if (DENSE) {
+            float taps = max(ceil(float(NEAR) * ds / step_length - 1e-3), 1.0);
+            vec4 b = min(vec4(float(NEAR) * ds), end);
+            // Written out: an array indexed in a loop would live in memory.
+            if (dense.x) depth.x = optical_depth(x, d, b.x, taps, scale);
+            if (dense.y) depth.y = optical_depth(x + next, d, b.y, taps, scale);
+            if (dense.z) depth.z = optical_depth(x + 2.0 * next, d, b.z, taps, scale);
+            if (dense.w) depth.w = optical_depth(x + 3.0 * next, d, b.w, taps, scale);
         }
+        // Four cells in a row interpolate among five values in each of two rows.
+        vec2 moved = float(NEAR) * shift;
+        ivec2 near_cell = ivec2(at) + ivec2(floor(moved));
+        vec2 f = fract(moved);
+        uint slot = ring_slot + (ring_slot < NEAR ? RING : 0u) - NEAR;
+        int plane = int((slot * direction_count + k) * area);
+        int base = near_cell.x;
+        int start = plane + clamp(near_cell.y, 0, int(height) - 1) * int(width);
+        vec4 ul = vec4(LOAD(0), LOAD(1), LOAD(2), LOAD(3));
+        vec4 ur = vec4(ul.yzw, LOAD(4));
+        start = plane + clamp(near_cell.y + 1, 0, int(height) - 1) * int(width);
+        vec4 ll = vec4(LOAD(0), LOAD(1), LOAD(2), LOAD(3));
+        vec4 lr = vec4(ll.yzw, LOAD(4));
+        vec4 swept = mix(mix(ul, ur, f.x), mix(ll, lr, f.x), f.y);
+        // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
+        vec4 place_x = row_place + moved.x;
+        float place_y = float(at.y) + moved.y;
+        vec4 out_x = max(max(-place_x, place_x - float(last)), vec4(0.0));
+        float out_y = max(max(-place_y, place_y - last_row), 0.0);
+        vec4 inside = clamp(1.0 - 2.0 * out_x, 0.0, 1.0) * clamp(1.0 - 2.0 * out_y, 0.0, 1.0);
+        bvec4 left = greaterThanEqual(vec4(float(NEAR) * ds), end); // the ray has left the volume
+        vec4 v = exp(-depth) * mix(mix(vec4(1.0), swept, inside), vec4(1.0), left);
         uint own = (ring_slot * direction_count + k) * area + at.y * width + at.x;
         transmittance[own] = v.x;
         if (stored.y) transmittance[own + 1u] = v.y;
         if (stored.z) transmittance[own + 2u] = v.z;
         if (stored.w) transmittance[own + 3u] = v.w;
-        if (!DENSE) continue;
-        float y[16];
-        sh_basis(directions[first_direction + k].world.xyz, y);
-        s[0] += v * y[0];
-        if (BANDS > 1) for (int i = 1; i < 4; i++) s[i] += v * y[i];
-        if (BANDS > 2) for (int i = 4; i < 9; i++) s[i] += v * y[i];
-        if (BANDS > 3) for (int i = 9; i < 16; i++) s[i] += v * y[i];
-    }
+        if (DENSE) {
+            float y[16];
+            sh_basis(directions[first_direction + k].world.xyz, y);
+            s[0] += v * y[0];
+            if (BANDS > 1) for (int i = 1; i < 4; i++) s[i] += v * y[i];
+            if (BANDS > 2) for (int i = 4; i < 9; i++) s[i] += v * y[i];
+            if (BANDS > 3) for (int i = 9; i < 16; i++) s[i] += v * y[i];
+        }
+        k++;
+    } while (k < direction_count);
 
     if (!DENSE) return;
     for (uint j = 0u; j < 4u; j++) {

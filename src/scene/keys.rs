@@ -55,7 +55,7 @@ pub const KEYS: &[Key] = &[
     key("visibility.sampling", "stratified|jittered", "stratified", "one well-spread set of directions, or jittered patterns"),
     key("visibility.growth", "FACTOR", "0.25", "growth of the pyramid's steps with distance"),
     key("visibility.step", "VOXELS", "1", "step of the dense march"),
-    key("visibility.near", "SLICES", "1", "cells that a sweep marches densely at most before it trusts the swept value"),
+    key("visibility.near", "SLICES", "1", "cells that a sweep marches densely before it trusts the swept value"),
     key("visibility.cells", "matter|all", "matter", "cells that are computed: those within two cells of matter, or all"),
     key(
         "camera.position",

@@ -72,7 +72,7 @@ pub struct Visibility {
     pub growth: f32,
     /// Step length in voxels (`march`; `sweep`, at most).
     pub step: f32,
-    /// Slices of field cells that a ray is marched densely, at most, before the swept transmittance is trusted (`sweep`).
+    /// Slices of field cells that a ray is marched densely before the swept transmittance is trusted (`sweep`).
     pub near: u32,
     /// Which cells are computed.
     pub cells: Cells,

@@ -1,7 +1,7 @@
 //! sweep: short characteristics. For a direction ω with major axis a, slices across a are swept from the side that ω
-//! leaves by: T(x) = exp(−τ(x → next slice)) · bilinear(T of that slice). τ is marched densely through the volume
-//! with classification after interpolation, and on over up to `near` slices wherever the four values that would be interpolated differ by more than `smoothness`. The cost
-//! per cell and direction does not grow with the volume; the error is that of interpolating T from slice to slice.
+//! leaves by: T(x) = exp(−τ(x → the slice `near` further on)) · bilinear(T of that slice). τ is marched densely through the
+//! volume with classification after interpolation. The cost per cell and direction does not grow with the volume; the
+//! error is that of interpolating T, which diffuses a little every `near` slices.
 
 use super::cells::MARGIN;
 use super::directions::{fibonacci, safe_voxel, spread};
@@ -126,12 +126,9 @@ pub struct Sweep<'a> {
     pub sums: [&'a Image; 4],
     /// SH bands to sum.
     pub bands: u32,
-    /// Slices marched densely at most before the swept value.
+    /// Slices marched densely before the swept value.
     pub near: u32,
 }
-
-/// Difference of neighbouring T that is interpolated rather than marched through.
-pub const SMOOTHNESS: f32 = 0.1;
 
 /// One slice of one batch.
 #[derive(Clone, Copy, Debug)]
@@ -192,7 +189,6 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             first_direction: slice.first_direction,
             direction_count: slice.direction_count,
             begin: u32::from(slice.begin),
-            smoothness: SMOOTHNESS,
             first_tile: slice.tiles[0],
         },
         // A workgroup takes a tile.
@@ -225,7 +221,7 @@ pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &
 /// Settings of the twin: as in [`Sweep`], and the longest step in world units.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// Slices marched densely at most.
+    /// Slices marched densely.
     pub near: u32,
     /// Longest step, world units.
     pub step_length: f64,
@@ -250,52 +246,33 @@ pub fn reference(volume: &Volume, table: &Table, field_dims: [usize; 3], rays: &
             for order in 0..field_dims[a] {
                 let index = if group.rising { field_dims[a] - 1 - order } else { order };
                 let mut slice = vec![0f32; width * height];
-                // Four cells of a row decide together how far they march.
-                for (quad, j) in (0..height).flat_map(|j| (0..width).step_by(4).map(move |i| (i, j))) {
-                    let cells: Vec<usize> = (quad..width.min(quad + 4)).collect();
-                    let mut depth = vec![0f32; cells.len()];
-                    for m in 1..=settings.near as usize {
-                        let mut done = true;
-                        for (&i, depth) in cells.iter().zip(&mut depth) {
-                            let mut cell = [0; 3];
-                            (cell[a], cell[b], cell[c]) = (index, i, j);
-                            let x: [f32; 3] = std::array::from_fn(|k| (cell[k] as f32 + 0.5) * size[k]);
-                            let end = twin::exit_distance(x, dir, grid.dims());
-                            let (from, to) = ((m - 1) as f32 * ds, (m as f32 * ds).min(end));
-                            let n = ((to - from) / settings.step_length as f32 - 1e-3).ceil().max(0.0);
-                            let s = (to - from) / n.max(1.0);
-                            for k in 0..n as u32 {
-                                let p = twin::along(x, dir, from + (k as f32 + 0.5) * s);
-                                *depth += s * twin::extinction(table, twin::sample(volume, p));
-                            }
-                            let through = (-*depth).exp();
-                            if m as f32 * ds >= end {
-                                slice[i + width * j] = through;
-                                continue;
-                            }
-                            let p = [i as f32 + m as f32 * shift[0], j as f32 + m as f32 * shift[1]];
-                            let read = |q: [usize; 3]| swept[order - m][q[0] + width * q[1]];
-                            let value = twin::trilinear([width, height, 1], [p[0] + 0.5, p[1] + 0.5, 0.5], read);
-                            // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
-                            let inside = |p: f32, n: usize| 1.0 - (2.0 * (-p).max(p - (n - 1) as f32)).clamp(0.0, 1.0);
-                            slice[i + width * j] = through * (1.0 + (value - 1.0) * inside(p[0], width) * inside(p[1], height));
-                            let near = |p: f32, n: usize| [p.floor(), p.floor() + 1.0].map(|p| p.clamp(0.0, (n - 1) as f32) as usize);
-                            let around: Vec<f32> =
-                                near(p[1], height).into_iter().flat_map(|y| near(p[0], width).map(|x| read([x, y, 0]))).collect();
-                            let range = around.iter().fold(0f32, |m, v| m.max(*v)) - around.iter().fold(1f32, |m, v| m.min(*v));
-                            done &= through * range <= SMOOTHNESS;
-                        }
-                        if done {
-                            break;
-                        }
+                for (i, j) in (0..height).flat_map(|j| (0..width).map(move |i| (i, j))) {
+                    let mut cell = [0; 3];
+                    (cell[a], cell[b], cell[c]) = (index, i, j);
+                    let x: [f32; 3] = std::array::from_fn(|k| (cell[k] as f32 + 0.5) * size[k]);
+                    let end = twin::exit_distance(x, dir, grid.dims());
+                    // Even steps, as many as the way to the slice takes, also where the volume ends before it.
+                    let reach = settings.near as f32 * ds;
+                    let n = (reach / settings.step_length as f32 - 1e-3).ceil().max(1.0);
+                    let s = reach.min(end) / n;
+                    let mut depth = 0f32;
+                    for k in 0..n as u32 {
+                        let p = twin::along(x, dir, (k as f32 + 0.5) * s);
+                        depth += s * twin::extinction(table, twin::sample(volume, p));
                     }
-                    for i in cells {
-                        let mut cell = [0; 3];
-                        (cell[a], cell[b], cell[c]) = (index, i, j);
-                        let sums = &mut out[cell[0] + field_dims[0] * (cell[1] + field_dims[1] * cell[2])];
-                        for (s, y) in sums.iter_mut().zip(basis) {
-                            *s += slice[i + width * j] * y as f32;
-                        }
+                    let mut beyond = 1.0;
+                    if reach < end {
+                        let p = [i as f32 + settings.near as f32 * shift[0], j as f32 + settings.near as f32 * shift[1]];
+                        let read = |q: [usize; 3]| swept[order - settings.near as usize][q[0] + width * q[1]];
+                        let value = twin::trilinear([width, height, 1], [p[0] + 0.5, p[1] + 0.5, 0.5], read);
+                        // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
+                        let inside = |p: f32, n: usize| 1.0 - (2.0 * (-p).max(p - (n - 1) as f32)).clamp(0.0, 1.0);
+                        beyond = 1.0 + (value - 1.0) * inside(p[0], width) * inside(p[1], height);
+                    }
+                    slice[i + width * j] = (-depth).exp() * beyond;
+                    let sums = &mut out[cell[0] + field_dims[0] * (cell[1] + field_dims[1] * cell[2])];
+                    for (s, y) in sums.iter_mut().zip(basis) {
+                        *s += slice[i + width * j] * y as f32;
                     }
                 }
                 swept.push(slice);
