@@ -47,6 +47,8 @@
 #![warn(missing_docs)]
 
 mod aside;
+#[cfg(feature = "chart")]
+pub mod chart;
 pub mod demo;
 pub mod engine;
 pub mod error;

@@ -16,6 +16,9 @@ pub const OF_VOLUME: &[&str] = &["volume"];
 /// All of a scene.
 pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "light", "visibility", "camera", "image"];
 
+/// What a chart uses: the estimators' own settings are what it varies.
+pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
+
 /// The whole command.
 pub fn command() -> Command {
     Command::new("halflight")
@@ -65,6 +68,25 @@ pub fn command() -> Command {
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
                 .args(scene_args(OF_SCENE))
+                .arg(nan_as()),
+        )
+        .subcommand(
+            Command::new("chart")
+                .about("Chart speed against accuracy of every estimator on your scenes: a folder with report.html")
+                .arg(
+                    path("scenes", "SCENE", "scene files (.toml), or volumes to show with default settings; none: a built-in scene")
+                        .num_args(0..),
+                )
+                .arg(path("out", "DIR", "where the report goes").short('o').long("out").required(true))
+                .arg(Arg::new("quick").long("quick").action(ArgAction::SetTrue).help("under a minute: fewer settings, fewer probes"))
+                .arg(
+                    Arg::new("budget")
+                        .long("budget")
+                        .value_name("SECONDS")
+                        .value_parser(parse_seconds)
+                        .help("time for all scenes together (default: 540, with --quick 48)"),
+                )
+                .args(scene_args(OF_CHART))
                 .arg(nan_as()),
         )
         .subcommand(Command::new("devices").about("List the Vulkan devices of this machine"))
@@ -220,6 +242,14 @@ fn heading(table: &str) -> &'static str {
         "camera" => "Scene: [camera]",
         "image" => "Scene: [image]",
         _ => "Scene",
+    }
+}
+
+/// Seconds above 0.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if s > 0.0 && s <= 1e7 => Ok(s),
+        _ => Err("it must be a number of seconds above 0".into()),
     }
 }
 

@@ -1,6 +1,7 @@
 //! The `halflight` command: reads the command line, calls the engine, says what was done.
 
 mod args;
+mod chart;
 mod demo;
 mod fail;
 mod info;
@@ -72,7 +73,9 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
             return say(e.render().to_string().trim_end());
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
-            return Err(Failure::usage("a command is missing: demo, info, light, precompute, render or devices; see halflight --help"));
+            return Err(Failure::usage(
+                "a command is missing: demo, info, light, precompute, render, chart or devices; see halflight --help",
+            ));
         }
         Err(e) => return Err(e.into()),
     };
@@ -92,6 +95,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         "light" => light::run(&context, m),
         "precompute" => render::precompute(&context, m),
         "render" => render::render(&context, m),
+        "chart" => chart::run(&context, m),
         _ => devices(&context),
     }
 }

@@ -1,0 +1,248 @@
+//! Field error against time: the candidates of one subject, as many as its time allows.
+
+use super::candidates::{self, taps};
+use super::{Clock, FieldPoint, Options, Reference, Subject, SubjectReport, Timing, pareto, seconds, timed};
+use crate::engine::{Engine, Medium};
+use crate::error::Result;
+use crate::measure;
+use crate::scene::visibility::Method;
+use crate::scene::{Scene, Visibility};
+use crate::stages::directions::SplitMix;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Shares of a subject's time: until when its reference, its own ratio's candidates, and the other ratios may run.
+const UNTIL: [f64; 3] = [0.2, 0.55, 0.7];
+
+/// Fewest probes that an error is quoted from.
+const LEAST_PROBES: usize = 64;
+
+/// Cells whose time stands for the whole field's.
+const TIMED_CELLS: usize = 2048;
+
+/// Share of a subject's time up to which a field is computed whole, although some cells would do.
+const CHEAP: f64 = 0.02;
+
+/// Cells in a row of those: a kernel's neighbours work on neighbours.
+const RUN: usize = 64;
+
+/// Wall seconds per (cell, direction, tap) of a method, as last seen.
+#[derive(Default)]
+struct Rates(BTreeMap<&'static str, f64>);
+
+impl Rates {
+    fn key(method: Method) -> &'static str {
+        match method {
+            Method::March => "march",
+            Method::Hierarchical => "hierarchical",
+            Method::Sweep => "sweep",
+        }
+    }
+}
+
+/// One ratio's measuring.
+struct At<'a> {
+    engine: &'a Engine,
+    medium: &'a Medium,
+    probes: Vec<u32>,
+    reference: Vec<[f32; 16]>,
+    /// Cells of the whole field.
+    cells: usize,
+    /// Wall seconds up to which a field is computed whole.
+    cheap: f64,
+    rates: Rates,
+}
+
+/// Fills `report` with the fields of a subject.
+pub fn measure(
+    engine: &Engine,
+    subject: &Subject,
+    medium: &Medium,
+    options: &Options,
+    clock: &mut Clock,
+    report: &mut SubjectReport,
+) -> Result<()> {
+    let own = subject.ratio;
+    // The neighbours: one finer, one coarser.
+    let others: Vec<u32> = [own * 2, own / 2].into_iter().filter(|r| [1, 2, 4, 8].contains(r)).collect();
+    for (ratio, list) in [(own, candidates::of_estimators(own))].into_iter().chain(others.iter().map(|&r| (r, candidates::of_ratio(r)))) {
+        let (reference_until, until) = if ratio == own { (UNTIL[0], UNTIL[1]) } else { (UNTIL[2], UNTIL[2]) };
+        let share = if ratio == own { 1.0 } else { 0.3 };
+        let most = if ratio == own { options.probes } else { options.probes / 4 };
+        let Some(mut at) = begin(engine, subject, medium, ratio, most, share * clock.left(reference_until), clock, report)? else {
+            report.left_out.push(format!("1:{ratio}: no time for its reference"));
+            continue;
+        };
+        let first = report.fields.len();
+        let mut late = Vec::new();
+        for v in list {
+            let (predicted, whole) = at.predicted(&v);
+            if predicted > clock.left(until) {
+                late.push(format!("{} (about {} s)", candidates::name(&v), super::plot::number(predicted)));
+                continue;
+            }
+            report.fields.push(at.point(&v, whole, clock)?);
+        }
+        if !late.is_empty() {
+            report.left_out.push(format!("1:{ratio}: {}", late.join("; ")));
+        }
+        let pairs: Vec<(f64, f64)> = report.fields[first..].iter().map(|p| (p.seconds, p.error)).collect();
+        for (p, front) in report.fields[first..].iter_mut().zip(pareto::front(&pairs)) {
+            p.front = front;
+        }
+    }
+    Ok(())
+}
+
+/// Probes and reference at a ratio; as many probes as `allowed` seconds are predicted to allow, `None` if too few.
+#[expect(clippy::too_many_arguments, reason = "one call, for one ratio")]
+fn begin<'a>(
+    engine: &'a Engine,
+    subject: &Subject,
+    medium: &'a Medium,
+    ratio: u32,
+    most: usize,
+    allowed: f64,
+    clock: &mut Clock,
+    report: &mut SubjectReport,
+) -> Result<Option<At<'a>>> {
+    let grid = medium.grid();
+    let cells: usize = grid.field_dims(ratio as usize).iter().product();
+    let all = measure::probes(&subject.volume, medium, ratio, most.max(LEAST_PROBES));
+    let mut at = At { engine, medium, probes: all, reference: Vec::new(), cells, cheap: CHEAP * clock.share, rates: Rates::default() };
+    // Each method once: drivers compile at a kernel's first dispatch; then once more for its rate.
+    let pilot: Vec<u32> = at.probes.iter().copied().step_by(at.probes.len().div_ceil(LEAST_PROBES).max(1)).collect();
+    for method in [Method::March, Method::Hierarchical, Method::Sweep] {
+        let v = Visibility { method, directions: 8, ratio, bits: 32, ..Visibility::default() };
+        engine.estimate(medium, &v, &pilot, &mut |_, _| clock.tick())?;
+        let v = Visibility { directions: 16, ..v };
+        at.estimate(&v, &pilot, clock)?;
+    }
+    let dense = Visibility {
+        method: Method::March,
+        directions: measure::REFERENCE_DIRECTIONS,
+        step: measure::REFERENCE_STEP,
+        ..Visibility::default()
+    };
+    let each = at.rates.0.get("march").copied().unwrap_or(0.0) * f64::from(dense.directions) * taps(&dense, grid);
+    let count = if each > 0.0 { (allowed / each) as usize } else { most };
+    if count < LEAST_PROBES.min(at.probes.len()) {
+        return Ok(None);
+    }
+    at.probes = measure::probes(&subject.volume, medium, ratio, count.min(most));
+    let (reference, times) = timed(engine, || measure::reference(engine, medium, ratio, &at.probes, &mut |_, _| clock.tick()))?;
+    at.reference = reference;
+    report.references.push(Reference {
+        ratio,
+        probes: at.probes.len(),
+        directions: dense.directions,
+        step: dense.step,
+        seconds: seconds(&times),
+    });
+    Ok(Some(at))
+}
+
+impl At<'_> {
+    /// Wall seconds that a setting will take, and whether its whole field is computed: where that is cheap.
+    fn predicted(&self, v: &Visibility) -> (f64, bool) {
+        let rate = self.rates.0.get(Rates::key(v.method)).copied().unwrap_or(0.0);
+        let of = |cells: usize| rate * cells as f64 * f64::from(v.directions) * taps(v, self.medium.grid());
+        let (all, part) = (of(self.cells), self.probes.len() + TIMED_CELLS);
+        match v.method == Method::Sweep || all <= self.cheap || self.cells <= part {
+            true => (all, true),
+            false => (of(part), false),
+        }
+    }
+
+    /// Coefficients of some cells, and the seconds of each kernel. Learns the method's rate.
+    fn estimate(&mut self, v: &Visibility, cells: &[u32], clock: &mut Clock) -> Result<(Vec<[f32; 16]>, Vec<(&'static str, f64)>)> {
+        let start = std::time::Instant::now();
+        let done = timed(self.engine, || self.engine.estimate(self.medium, v, cells, &mut |_, _| clock.tick()))?;
+        let worked = if v.method == Method::Sweep { self.cells } else { cells.len() } as f64;
+        let work = worked * f64::from(v.directions) * taps(v, self.medium.grid());
+        self.rates.0.insert(Rates::key(v.method), start.elapsed().as_secs_f64() / work.max(1.0));
+        Ok(done)
+    }
+
+    /// Measures one setting.
+    fn point(&mut self, v: &Visibility, whole: bool, clock: &mut Clock) -> Result<FieldPoint> {
+        clock.check()?;
+        let (at_probes, seconds) = if v.method == Method::Sweep {
+            // It sweeps every cell whichever are asked for.
+            let (at_probes, times) = self.estimate(v, &self.probes.clone(), clock)?;
+            (at_probes, seconds(&times))
+        } else if whole {
+            let all: Vec<u32> = (0..self.cells as u32).collect();
+            let (field, times) = self.estimate(v, &all, clock)?;
+            (self.probes.iter().map(|&p| field[p as usize]).collect(), seconds(&times))
+        } else {
+            let at_probes = self.estimate(v, &self.probes.clone(), clock)?.0;
+            let drawn = drawn_cells(self.cells, TIMED_CELLS);
+            let (_, times) = self.estimate(v, &drawn, clock)?;
+            // The pyramid is made once, whatever the number of cells.
+            let (once, each): (Vec<_>, Vec<_>) = times.into_iter().partition(|t| ["classify", "minify"].contains(&t.0));
+            (at_probes, seconds(&once) + seconds(&each) * self.cells as f64 / drawn.len() as f64)
+        };
+        let error = measure::field_error(&at_probes, &self.reference);
+        let packed = [16, 8].map(|bits| measure::field_error(&measure::packed(&at_probes, v.bands, bits), &self.reference).relative_l2);
+        Ok(FieldPoint {
+            name: candidates::name(v),
+            ratio: v.ratio,
+            settings: settings(v),
+            seconds,
+            timing: if whole { Timing::Whole } else { Timing::Extrapolated },
+            error: error.relative_l2,
+            interval: error.interval,
+            packed,
+            front: false,
+            visibility: v.clone(),
+        })
+    }
+}
+
+/// About `count` cells of `cells`, in runs of neighbours at random places, ascending, from a fixed seed.
+fn drawn_cells(cells: usize, count: usize) -> Vec<u32> {
+    let runs = cells.div_ceil(RUN);
+    let wanted = (count / RUN).clamp(1, runs);
+    let mut random = SplitMix(0x0074_696d_6564);
+    // One run in each of `wanted` equal parts.
+    (0..wanted)
+        .flat_map(|i| {
+            let (from, to) = (i * runs / wanted, (i + 1) * runs / wanted);
+            let run = from + (random.next() % (to - from).max(1) as u64) as usize;
+            (run * RUN..((run + 1) * RUN).min(cells)).map(|c| c as u32)
+        })
+        .collect()
+}
+
+/// Every key of `[visibility]` with its value.
+pub fn settings(v: &Visibility) -> BTreeMap<String, serde_json::Value> {
+    let scene = Scene { visibility: v.clone(), ..Scene::of_volume(PathBuf::new()) };
+    let table = toml::from_str::<BTreeMap<String, BTreeMap<String, serde_json::Value>>>(&crate::io::scene_text(&scene));
+    table.ok().and_then(|mut t| t.remove("visibility")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_hold_every_key() {
+        let map = settings(&Visibility { step: 0.1, ..Visibility::default() });
+        for key in crate::scene::keys::keys_of("visibility") {
+            assert!(map.contains_key(key), "{key} is missing in {map:?}");
+        }
+        assert_eq!((&map["method"], &map["step"]), (&"hierarchical".into(), &0.1.into()));
+    }
+
+    #[test]
+    fn drawn_cells_are_runs_all_over() {
+        for (cells, count) in [(1, 64), (63, 64), (1000, 128), (100_000, 2048), (130, 4096)] {
+            let drawn = drawn_cells(cells, count);
+            assert!(!drawn.is_empty() && drawn.windows(2).all(|w| w[0] < w[1]), "{cells}");
+            assert!(drawn.iter().all(|&c| (c as usize) < cells) && drawn.len() <= count.max(RUN).min(cells.max(RUN)));
+        }
+        let drawn = drawn_cells(100_000, 2048);
+        assert!(drawn[0] < 10_000 && drawn[drawn.len() - 1] > 90_000 && drawn.len() > 1900);
+    }
+}
