@@ -6,16 +6,19 @@ use crate::engine::{Engine, Medium};
 use crate::error::Result;
 use crate::measure;
 use crate::scene::visibility::Method;
-use crate::scene::{Scene, Visibility};
+use crate::scene::{Grid, Scene, Visibility};
 use crate::stages::directions::SplitMix;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Shares of a subject's time: until when its reference, its own ratio's candidates, and the other ratios may run.
-const UNTIL: [f64; 3] = [0.2, 0.55, 0.7];
+const UNTIL: [f64; 3] = [0.15, 0.45, 0.58];
 
 /// Fewest probes that an error is quoted from.
 const LEAST_PROBES: usize = 64;
+
+/// Cells that a first guess of costs is made from.
+const PILOT: usize = 128;
 
 /// Cells whose time stands for the whole field's.
 const TIMED_CELLS: usize = 2048;
@@ -26,11 +29,11 @@ const CHEAP: f64 = 0.02;
 /// Cells in a row of those: a kernel's neighbours work on neighbours.
 const RUN: usize = 64;
 
-/// Wall seconds per (cell, direction, tap) of a method, as last seen.
-#[derive(Default)]
-struct Rates(BTreeMap<&'static str, f64>);
+/// What fields cost, learned from those that were computed: wall seconds by method, once and per (cell, direction, tap).
+#[derive(Clone, Default)]
+pub struct Costs(BTreeMap<&'static str, (f64, f64)>);
 
-impl Rates {
+impl Costs {
     fn key(method: Method) -> &'static str {
         match method {
             Method::March => "march",
@@ -38,7 +41,33 @@ impl Rates {
             Method::Sweep => "sweep",
         }
     }
+
+    /// Seconds of `cells` cells.
+    fn of(&self, v: &Visibility, grid: &Grid, cells: usize) -> f64 {
+        let (once, each) = self.0.get(Self::key(v.method)).copied().unwrap_or_default();
+        once + each * cells as f64 * f64::from(v.directions) * taps(v, grid)
+    }
+
+    /// Seconds of a whole field.
+    pub fn whole(&self, v: &Visibility, grid: &Grid) -> f64 {
+        self.of(v, grid, grid.field_dims(v.ratio as usize).iter().product())
+    }
+
+    fn learn(&mut self, v: &Visibility, grid: &Grid, cells: usize, times: &[(&'static str, f64)]) {
+        let (once, each) = once_and_each(times);
+        let work = cells as f64 * f64::from(v.directions) * taps(v, grid);
+        self.0.insert(Self::key(v.method), (once, each / work.max(1.0)));
+    }
 }
+
+/// Seconds that do not grow with the number of cells (the pyramid), and those that do.
+fn once_and_each(times: &[(&'static str, f64)]) -> (f64, f64) {
+    let (once, each): (Vec<_>, Vec<_>) = times.iter().copied().partition(|t| ["classify", "minify"].contains(&t.0));
+    (seconds(&once), seconds(&each))
+}
+
+/// Coefficients of cells, and seconds per kernel.
+type Estimate = (Vec<[f32; 16]>, Vec<(&'static str, f64)>);
 
 /// One ratio's measuring.
 struct At<'a> {
@@ -50,10 +79,10 @@ struct At<'a> {
     cells: usize,
     /// Wall seconds up to which a field is computed whole.
     cheap: f64,
-    rates: Rates,
+    costs: Costs,
 }
 
-/// Fills `report` with the fields of a subject.
+/// Fills `report` with the fields of a subject, and returns what its own ratio's cost.
 pub fn measure(
     engine: &Engine,
     subject: &Subject,
@@ -61,7 +90,8 @@ pub fn measure(
     options: &Options,
     clock: &mut Clock,
     report: &mut SubjectReport,
-) -> Result<()> {
+) -> Result<Costs> {
+    let mut costs = Costs::default();
     let own = subject.ratio;
     // The neighbours: one finer, one coarser.
     let others: Vec<u32> = [own * 2, own / 2].into_iter().filter(|r| [1, 2, 4, 8].contains(r)).collect();
@@ -90,8 +120,11 @@ pub fn measure(
         for (p, front) in report.fields[first..].iter_mut().zip(pareto::front(&pairs)) {
             p.front = front;
         }
+        if ratio == own {
+            costs = at.costs.clone();
+        }
     }
-    Ok(())
+    Ok(costs)
 }
 
 /// Probes and reference at a ratio; as many probes as `allowed` seconds are predicted to allow, `None` if too few.
@@ -109,9 +142,9 @@ fn begin<'a>(
     let grid = medium.grid();
     let cells: usize = grid.field_dims(ratio as usize).iter().product();
     let all = measure::probes(&subject.volume, medium, ratio, most.max(LEAST_PROBES));
-    let mut at = At { engine, medium, probes: all, reference: Vec::new(), cells, cheap: CHEAP * clock.share, rates: Rates::default() };
+    let mut at = At { engine, medium, probes: all, reference: Vec::new(), cells, cheap: CHEAP * clock.share, costs: Costs::default() };
     // Each method once: drivers compile at a kernel's first dispatch; then once more for its rate.
-    let pilot: Vec<u32> = at.probes.iter().copied().step_by(at.probes.len().div_ceil(LEAST_PROBES).max(1)).collect();
+    let pilot: Vec<u32> = at.probes.iter().copied().step_by(at.probes.len().div_ceil(PILOT).max(1)).collect();
     for method in [Method::March, Method::Hierarchical, Method::Sweep] {
         let v = Visibility { method, directions: 8, ratio, bits: 32, ..Visibility::default() };
         engine.estimate(medium, &v, &pilot, &mut |_, _| clock.tick())?;
@@ -124,7 +157,7 @@ fn begin<'a>(
         step: measure::REFERENCE_STEP,
         ..Visibility::default()
     };
-    let each = at.rates.0.get("march").copied().unwrap_or(0.0) * f64::from(dense.directions) * taps(&dense, grid);
+    let each = at.costs.of(&dense, grid, 1);
     let count = if each > 0.0 { (allowed / each) as usize } else { most };
     if count < LEAST_PROBES.min(at.probes.len()) {
         return Ok(None);
@@ -145,22 +178,18 @@ fn begin<'a>(
 impl At<'_> {
     /// Wall seconds that a setting will take, and whether its whole field is computed: where that is cheap.
     fn predicted(&self, v: &Visibility) -> (f64, bool) {
-        let rate = self.rates.0.get(Rates::key(v.method)).copied().unwrap_or(0.0);
-        let of = |cells: usize| rate * cells as f64 * f64::from(v.directions) * taps(v, self.medium.grid());
-        let (all, part) = (of(self.cells), self.probes.len() + TIMED_CELLS);
+        let (all, part) = (self.costs.whole(v, self.medium.grid()), self.probes.len() + TIMED_CELLS);
         match v.method == Method::Sweep || all <= self.cheap || self.cells <= part {
             true => (all, true),
-            false => (of(part), false),
+            false => (self.costs.of(v, self.medium.grid(), part), false),
         }
     }
 
-    /// Coefficients of some cells, and the seconds of each kernel. Learns the method's rate.
-    fn estimate(&mut self, v: &Visibility, cells: &[u32], clock: &mut Clock) -> Result<(Vec<[f32; 16]>, Vec<(&'static str, f64)>)> {
-        let start = std::time::Instant::now();
+    /// Coefficients of some cells, and the seconds of each kernel. Learns what the method costs.
+    fn estimate(&mut self, v: &Visibility, cells: &[u32], clock: &mut Clock) -> Result<Estimate> {
         let done = timed(self.engine, || self.engine.estimate(self.medium, v, cells, &mut |_, _| clock.tick()))?;
-        let worked = if v.method == Method::Sweep { self.cells } else { cells.len() } as f64;
-        let work = worked * f64::from(v.directions) * taps(v, self.medium.grid());
-        self.rates.0.insert(Rates::key(v.method), start.elapsed().as_secs_f64() / work.max(1.0));
+        let worked = if v.method == Method::Sweep { self.cells } else { cells.len() };
+        self.costs.learn(v, self.medium.grid(), worked, &done.1);
         Ok(done)
     }
 
@@ -179,9 +208,8 @@ impl At<'_> {
             let at_probes = self.estimate(v, &self.probes.clone(), clock)?.0;
             let drawn = drawn_cells(self.cells, TIMED_CELLS);
             let (_, times) = self.estimate(v, &drawn, clock)?;
-            // The pyramid is made once, whatever the number of cells.
-            let (once, each): (Vec<_>, Vec<_>) = times.into_iter().partition(|t| ["classify", "minify"].contains(&t.0));
-            (at_probes, seconds(&once) + seconds(&each) * self.cells as f64 / drawn.len() as f64)
+            let (once, each) = once_and_each(&times);
+            (at_probes, once + each * self.cells as f64 / drawn.len() as f64)
         };
         let error = measure::field_error(&at_probes, &self.reference);
         let packed = [16, 8].map(|bits| measure::field_error(&measure::packed(&at_probes, v.bands, bits), &self.reference).relative_l2);

@@ -7,15 +7,17 @@
 pub mod candidates;
 mod csv;
 mod field;
+mod frame;
 pub mod pareto;
 pub mod plot;
 mod raster;
+mod savings;
 mod series;
 mod svg;
 
 use crate::engine::{Engine, Progress};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, ImageSettings, Light, Matter, Visibility, Volume};
+use crate::scene::{Camera, ImageSettings, Light, Matter, Picture, Visibility, Volume};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -23,7 +25,8 @@ use std::time::Instant;
 
 pub use csv::points_csv;
 pub use raster::png;
-pub use series::field_error_svg;
+pub use savings::savings_svg;
+pub use series::{field_error_svg, frame_error_svg};
 
 /// What is measured on: one scene, in host memory.
 pub struct Subject {
@@ -50,14 +53,16 @@ pub struct Options {
     pub seconds: f64,
     /// Field cells that errors are measured at, if time allows.
     pub probes: usize,
+    /// Pixels of a picture, at most.
+    pub pixels: usize,
 }
 
 impl Options {
     /// Under ten minutes on two cores.
-    pub const FULL: Self = Self { seconds: 540.0, probes: 1024 };
+    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 640 * 480 };
 
     /// Under one minute on two cores.
-    pub const QUICK: Self = Self { seconds: 48.0, probes: 256 };
+    pub const QUICK: Self = Self { seconds: 48.0, probes: 256, pixels: 320 * 240 };
 }
 
 /// Where a time comes from.
@@ -111,8 +116,68 @@ pub struct Reference {
     pub seconds: f64,
 }
 
-/// All that was measured on one subject.
+/// A picture: what it costs and how far it is from the reference picture.
 #[derive(Clone, Debug, Serialize)]
+pub struct FramePoint {
+    /// Its field in words.
+    pub name: String,
+    /// Voxels per field cell along each axis.
+    pub ratio: u32,
+    /// Step of the viewing rays, voxels.
+    pub step: f64,
+    /// Device seconds of its field.
+    pub field_seconds: f64,
+    /// Device seconds of putting the field under the light.
+    pub relight_seconds: f64,
+    /// Device seconds of the frame, median of three.
+    pub seconds: f64,
+    /// Relative RMSE over the pixels that the volume covers.
+    pub rmse: f64,
+    /// On the Pareto front of time and error.
+    pub front: bool,
+    /// The field's settings.
+    #[serde(skip)]
+    pub visibility: Visibility,
+}
+
+/// The error that no finer field of so many bands removes: that of the dense field.
+#[derive(Clone, Debug, Serialize)]
+pub struct Level {
+    /// Bands of the light.
+    pub bands: u32,
+    /// Relative RMSE against the reference picture.
+    pub rmse: f64,
+}
+
+/// One saving: the same with and without it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Saving {
+    /// What is saved at.
+    pub name: String,
+    /// "field", "relight" or "frame": what the seconds are of.
+    pub of: &'static str,
+    /// Device seconds without it.
+    pub before: f64,
+    /// Device seconds with it.
+    pub after: f64,
+    /// Relative RMSE of the picture with it against the picture without it.
+    pub rmse: f64,
+}
+
+/// A picture of the report.
+pub struct Shown {
+    /// Pictures of one group stand side by side.
+    pub group: String,
+    /// Below it.
+    pub title: String,
+    /// The picture.
+    pub picture: Picture,
+    /// Per pixel, |difference from the reference| over its mean.
+    pub difference: Option<Vec<f32>>,
+}
+
+/// All that was measured on one subject.
+#[derive(Serialize)]
 pub struct SubjectReport {
     /// The subject's name.
     pub name: String,
@@ -124,12 +189,27 @@ pub struct SubjectReport {
     pub references: Vec<Reference>,
     /// Fields.
     pub fields: Vec<FieldPoint>,
+    /// What pictures are judged against.
+    pub image_reference: String,
+    /// Width and height of the pictures.
+    pub pixels: [usize; 2],
+    /// Frames.
+    pub frames: Vec<FramePoint>,
+    /// What more bands would bring.
+    pub levels: Vec<Level>,
+    /// Before and after.
+    pub savings: Vec<Saving>,
+    /// Pictures side by side.
+    #[serde(skip)]
+    pub shown: Vec<Shown>,
+    /// Exposure of its pictures, stops.
+    pub exposure: f64,
     /// What the budget did not reach: in words, with why.
     pub left_out: Vec<String>,
 }
 
 /// A whole run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Serialize)]
 pub struct Report {
     /// Wall seconds that were allowed.
     pub budget: f64,
@@ -165,9 +245,21 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
         ratio: subject.ratio,
         references: Vec::new(),
         fields: Vec::new(),
+        image_reference: String::new(),
+        pixels: [0; 2],
+        frames: Vec::new(),
+        levels: Vec::new(),
+        savings: Vec::new(),
+        shown: Vec::new(),
+        exposure: subject.image.exposure,
         left_out: Vec::new(),
     };
-    field::measure(engine, subject, &medium, options, clock, &mut report)?;
+    let costs = field::measure(engine, subject, &medium, options, clock, &mut report)?;
+    let frames = frame::Frames::new(engine, subject, &medium, options);
+    let cost = |v: &Visibility| costs.whole(v, medium.grid());
+    let truth = frame::measure(&frames, &cost, clock, &mut report)?;
+    report.shown = frame::pairs(&frames, &truth, clock, &mut report)?;
+    savings::measure(&frames, &cost, clock, &mut report)?;
     Ok(report)
 }
 

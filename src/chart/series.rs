@@ -2,7 +2,7 @@
 
 use super::candidates;
 use super::plot::{self, Chart, Mark, Panel, Shape, Style};
-use super::{FieldPoint, Report, SubjectReport, Timing};
+use super::{FieldPoint, FramePoint, Report, SubjectReport, Timing};
 use crate::scene::Visibility;
 use crate::scene::visibility::{Filter, Method};
 
@@ -78,5 +78,59 @@ pub fn field_error_svg(report: &Report) -> String {
         notes: if hollow { vec!["hollow: time extrapolated from cells drawn at random".into()] } else { Vec::new() },
         panels,
         columns,
+    })
+}
+
+fn frame_mark(p: &FramePoint) -> Mark {
+    Mark {
+        style: style_of(&p.visibility),
+        at: [1e3 * p.seconds, p.rmse],
+        interval: None,
+        hollow: p.step != 1.0,
+        front: p.front,
+        label: match p.step {
+            1.0 => format!("1:{} N {}", p.ratio, p.visibility.directions),
+            step => format!("1:{} N {} step {step}", p.ratio, p.visibility.directions),
+        },
+        title: format!(
+            "{}, viewing step {}: frame {:.1} ms, relative RMSE {:.4}; its field took {:.2} s",
+            p.name,
+            p.step,
+            1e3 * p.seconds,
+            p.rmse,
+            p.field_seconds
+        ),
+    }
+}
+
+/// Frame time against image error, with the error that each number of bands leaves.
+pub fn frame_error_svg(report: &Report) -> String {
+    let panels: Vec<Panel> = report
+        .subjects
+        .iter()
+        .filter(|s| !s.frames.is_empty())
+        .map(|s| {
+            // The field that was rendered with several steps: its marks belong together.
+            let varied = s.frames.iter().find(|p| p.step != 1.0).map(|p| p.visibility.clone());
+            let mut chain: Vec<usize> = (0..s.frames.len()).filter(|&i| Some(&s.frames[i].visibility) == varied.as_ref()).collect();
+            chain.sort_by(|&a, &b| s.frames[a].step.total_cmp(&s.frames[b].step));
+            let bands = |n| if n == 1 { "1 band".to_owned() } else { format!("{n} bands") };
+            Panel {
+                title: format!("{}, {}x{} pixels, against {}", s.name, s.pixels[0], s.pixels[1], s.image_reference),
+                marks: s.frames.iter().map(frame_mark).collect(),
+                levels: s.levels.iter().map(|l| (l.rmse, format!("dense field, {}: {}", bands(l.bands), plot::number(l.rmse)))).collect(),
+                chains: vec![chain],
+            }
+        })
+        .collect();
+    plot::draw(&Chart {
+        title: "Image error against frame time".into(),
+        subtitle: "relative RMSE over covered pixels; dashed: what no finer field of so many spherical-harmonic bands removes".into(),
+        x: "device time of the frame, ms".into(),
+        y: "relative RMSE".into(),
+        styles: styles(),
+        notes: vec!["hollow: other viewing steps of one field (thin line)".into()],
+        panels,
+        columns: 1,
     })
 }

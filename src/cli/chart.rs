@@ -46,8 +46,15 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     bar.enter("measure");
     let charted = chart::run(&engine, &subjects, &options, &mut bar.job())?;
     bar.enter("draw");
-    let files: Vec<(&str, Vec<u8>)> =
-        vec![("points.csv", chart::points_csv(&charted).into_bytes()), ("field_error.svg", chart::field_error_svg(&charted).into_bytes())];
+    let mut files: Vec<(String, Vec<u8>)> = vec![("points.csv".into(), chart::points_csv(&charted).into_bytes())];
+    for (name, svg) in [
+        ("field_error", chart::field_error_svg(&charted)),
+        ("frame_error", chart::frame_error_svg(&charted)),
+        ("savings", chart::savings_svg(&charted)),
+    ] {
+        files.push((format!("{name}.png"), chart::png(&svg, 2.0)?));
+        files.push((format!("{name}.svg"), svg.into_bytes()));
+    }
     // All is drawn before the first file is written.
     for (name, bytes) in &files {
         write(&folder.join(name), bytes)?;
