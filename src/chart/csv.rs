@@ -1,6 +1,6 @@
 //! `points.csv`: one row a point, RFC 4180.
 
-use super::{Report, Timing};
+use super::Report;
 use std::fmt::Write as _;
 
 /// A cell of a row, quoted where it must be.
@@ -17,13 +17,13 @@ pub fn points_csv(report: &Report) -> String {
     let mut out = format!("scene,name,seconds,timing,error,error_low,error_high,error_16_bit,error_8_bit,front,{}\r\n", keys.join(","));
     for subject in &report.subjects {
         for p in &subject.fields {
-            let timing = if p.timing == Timing::Whole { "whole" } else { "extrapolated" };
             let _ = write!(
                 out,
-                "{},{},{:.6},{timing},{:.6},{:.6},{:.6},{:.6},{:.6},{}",
+                "{},{},{:.6},{},{:.6},{:.6},{:.6},{:.6},{:.6},{}",
                 cell(&subject.name),
                 cell(&p.name),
                 p.seconds,
+                p.timing.word(),
                 p.error,
                 p.interval[0],
                 p.interval[1],

@@ -1,7 +1,7 @@
 //! Field error against time: the candidates of one subject, as many as its time allows.
 
 use super::candidates::{self, taps};
-use super::{Clock, FieldPoint, Options, Reference, Subject, SubjectReport, Timing, pareto, seconds, timed};
+use super::{Clock, FieldPoint, Options, Reference, Subject, SubjectReport, Timing, median, pareto, seconds, timed};
 use crate::engine::{Engine, Medium};
 use crate::error::Result;
 use crate::measure;
@@ -196,28 +196,36 @@ impl At<'_> {
     /// Measures one setting.
     fn point(&mut self, v: &Visibility, whole: bool, clock: &mut Clock) -> Result<FieldPoint> {
         clock.check()?;
-        let (at_probes, seconds) = if v.method == Method::Sweep {
-            // It sweeps every cell whichever are asked for.
-            let (at_probes, times) = self.estimate(v, &self.probes.clone(), clock)?;
-            (at_probes, seconds(&times))
-        } else if whole {
-            let all: Vec<u32> = (0..self.cells as u32).collect();
-            let (field, times) = self.estimate(v, &all, clock)?;
-            (self.probes.iter().map(|&p| field[p as usize]).collect(), seconds(&times))
-        } else {
-            let at_probes = self.estimate(v, &self.probes.clone(), clock)?.0;
-            let drawn = drawn_cells(self.cells, TIMED_CELLS);
-            let (_, times) = self.estimate(v, &drawn, clock)?;
-            let (once, each) = once_and_each(&times);
-            (at_probes, once + each * self.cells as f64 / drawn.len() as f64)
+        // A sweep visits every cell whichever are asked for.
+        let asked: Vec<u32> = match whole && v.method != Method::Sweep {
+            true => (0..self.cells as u32).collect(),
+            false => self.probes.clone(),
         };
-        let error = measure::field_error(&at_probes, &self.reference);
-        let packed = [16, 8].map(|bits| measure::field_error(&measure::packed(&at_probes, v.bands, bits), &self.reference).relative_l2);
+        let (mut values, times) = self.estimate(v, &asked, clock)?;
+        if asked.len() > self.probes.len() {
+            values = self.probes.iter().map(|&p| values[p as usize]).collect();
+        }
+        let mut runs = Vec::new();
+        if whole {
+            runs.push(seconds(&times));
+            // What is cheap is measured three times.
+            while runs.len() < 3 && 3.0 * runs[0] < self.cheap {
+                runs.push(seconds(&self.estimate(v, &asked, clock)?.1));
+            }
+        } else {
+            let drawn = drawn_cells(self.cells, TIMED_CELLS);
+            let (once, each) = once_and_each(&self.estimate(v, &drawn, clock)?.1);
+            runs.push(once + each * self.cells as f64 / drawn.len() as f64);
+        }
+        let (seconds, spread) = median(runs);
+        let error = measure::field_error(&values, &self.reference);
+        let packed = [16, 8].map(|bits| measure::field_error(&measure::packed(&values, v.bands, bits), &self.reference).relative_l2);
         Ok(FieldPoint {
             name: candidates::name(v),
             ratio: v.ratio,
             settings: settings(v),
             seconds,
+            spread,
             timing: if whole { Timing::Whole } else { Timing::Extrapolated },
             error: error.relative_l2,
             interval: error.interval,

@@ -1,7 +1,7 @@
 //! Image error against frame time, its floor, and pictures side by side.
 
 use super::candidates;
-use super::{Clock, FieldPoint, FramePoint, Level, Options, Shown, Subject, SubjectReport, pareto, seconds, timed};
+use super::{Clock, FieldPoint, FramePoint, Level, Options, Shown, Subject, SubjectReport, median, pareto, seconds, timed};
 use crate::engine::{Engine, Field, Lit, Medium};
 use crate::error::Result;
 use crate::measure;
@@ -63,15 +63,14 @@ impl<'a> Frames<'a> {
         Ok((picture, seconds(&times)))
     }
 
-    /// The picture and the median of three frames' seconds, after one that warms up.
-    pub fn frame(&self, lit: &Lit, image: &ImageSettings, clock: &mut Clock) -> Result<(Picture, f64)> {
+    /// The picture and the seconds of three frames, after one that warms up.
+    pub fn frame(&self, lit: &Lit, image: &ImageSettings, clock: &mut Clock) -> Result<(Picture, Vec<f64>)> {
         let (picture, _) = self.picture(lit, image, clock)?;
         let mut times = Vec::new();
         for _ in 0..3 {
             times.push(self.picture(lit, image, clock)?.1);
         }
-        times.sort_by(f64::total_cmp);
-        Ok((picture, times[1]))
+        Ok((picture, times))
     }
 
     fn exact(&self) -> ImageSettings {
@@ -156,7 +155,8 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
         let steps: &[f64] = if v == fields(frames.subject.ratio)[0] { &[1.0, 0.5, 2.0, 4.0] } else { &[1.0] };
         for &step in steps {
             let image = ImageSettings { step, ..frames.image };
-            let (picture, frame) = frames.frame(&lit, &image, clock)?;
+            let (picture, runs) = frames.frame(&lit, &image, clock)?;
+            let (frame, spread) = median(runs);
             let Some(rmse) = measure::relative_rmse(&picture, &truth.picture) else { continue };
             report.frames.push(FramePoint {
                 name: format!("{} at 1:{}", candidates::name(&v), v.ratio),
@@ -165,6 +165,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
                 field_seconds,
                 relight_seconds: seconds(&relight),
                 seconds: frame,
+                spread,
                 rmse,
                 front: false,
                 visibility: v.clone(),

@@ -7,7 +7,9 @@
 pub mod candidates;
 mod csv;
 mod field;
+mod figures;
 mod frame;
+mod html;
 pub mod pareto;
 pub mod plot;
 mod raster;
@@ -24,6 +26,8 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 pub use csv::points_csv;
+pub use figures::record;
+pub use html::report_html;
 pub use raster::png;
 pub use savings::savings_svg;
 pub use series::{field_error_svg, frame_error_svg};
@@ -75,6 +79,16 @@ pub enum Timing {
     Extrapolated,
 }
 
+impl Timing {
+    /// In a table.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Whole => "whole",
+            Self::Extrapolated => "extrapolated",
+        }
+    }
+}
+
 /// An estimator's settings at one ratio: what its field costs and how wrong it is.
 #[derive(Clone, Debug, Serialize)]
 pub struct FieldPoint {
@@ -86,6 +100,8 @@ pub struct FieldPoint {
     pub settings: BTreeMap<String, serde_json::Value>,
     /// Device seconds of the whole field (wall seconds where the device keeps no time).
     pub seconds: f64,
+    /// Least and most of three runs, where there was time for three; `seconds` is then their median.
+    pub spread: Option<[f64; 2]>,
     /// Whether they were measured whole.
     pub timing: Timing,
     /// Relative L2 over probes and 16 coefficients, before packing.
@@ -131,6 +147,8 @@ pub struct FramePoint {
     pub relight_seconds: f64,
     /// Device seconds of the frame, median of three.
     pub seconds: f64,
+    /// Least and most of the three.
+    pub spread: Option<[f64; 2]>,
     /// Relative RMSE over the pixels that the volume covers.
     pub rmse: f64,
     /// On the Pareto front of time and error.
@@ -160,6 +178,8 @@ pub struct Saving {
     pub before: f64,
     /// Device seconds with it.
     pub after: f64,
+    /// Runs of each, in turns; the seconds are medians.
+    pub rounds: usize,
     /// Relative RMSE of the picture with it against the picture without it.
     pub rmse: f64,
 }
@@ -217,6 +237,21 @@ pub struct Report {
     pub seconds: f64,
     /// One per subject.
     pub subjects: Vec<SubjectReport>,
+    /// Scenes made to break estimators, where somebody ran them.
+    pub stability: Vec<StabilityRow>,
+}
+
+/// What a method does in a scene that is made to break it.
+#[derive(Clone, Debug, Serialize)]
+pub struct StabilityRow {
+    /// Estimator and settings.
+    pub method: String,
+    /// The scene.
+    pub case: String,
+    /// What was measured, and the figure.
+    pub error: String,
+    /// Within its bound, or how it fails.
+    pub verdict: String,
 }
 
 /// Measures every subject within the budget.
@@ -233,7 +268,7 @@ pub fn run(engine: &Engine, subjects: &[Subject], options: &Options, progress: &
         let mut clock = Clock { start, total: options.seconds, from: start.elapsed().as_secs_f64(), share, tell: progress };
         reports.push(measure_subject(engine, subject, options, &mut clock)?);
     }
-    Ok(Report { budget: options.seconds, seconds: start.elapsed().as_secs_f64(), subjects: reports })
+    Ok(Report { budget: options.seconds, seconds: start.elapsed().as_secs_f64(), subjects: reports, stability: Vec::new() })
 }
 
 fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock: &mut Clock) -> Result<SubjectReport> {
@@ -311,4 +346,16 @@ pub(crate) fn timed<T>(engine: &Engine, call: impl FnOnce() -> Result<T>) -> Res
 /// The sum of [`timed`]'s seconds.
 pub(crate) fn seconds(times: &[(&'static str, f64)]) -> f64 {
     times.iter().map(|t| t.1).sum()
+}
+
+/// Median of several runs, and the least and most of them where there are several.
+pub(crate) fn median(mut runs: Vec<f64>) -> (f64, Option<[f64; 2]>) {
+    runs.sort_by(f64::total_cmp);
+    match (runs.first(), runs.last()) {
+        (Some(&lo), Some(&hi)) => {
+            let middle = 0.5 * (runs[(runs.len() - 1) / 2] + runs[runs.len() / 2]);
+            (middle, (runs.len() > 1).then_some([lo, hi]))
+        }
+        _ => (f64::NAN, None),
+    }
 }

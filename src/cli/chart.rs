@@ -10,8 +10,10 @@ use super::progress::Progress;
 use clap::ArgMatches;
 use halflight::chart::{self, Options, Subject};
 use halflight::error::shown;
+use halflight::record::Machine;
 use halflight::scene::{ImageSettings, Light, Probe};
 use halflight::{Error, demo, io};
+use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -46,7 +48,13 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     bar.enter("measure");
     let charted = chart::run(&engine, &subjects, &options, &mut bar.job())?;
     bar.enter("draw");
-    let mut files: Vec<(String, Vec<u8>)> = vec![("points.csv".into(), chart::points_csv(&charted).into_bytes())];
+    let machine = Machine::of(engine.device());
+    let object = json!({ "machine": machine, "report": charted });
+    let mut files: Vec<(String, Vec<u8>)> = vec![
+        ("report.html".into(), chart::report_html(&charted, &machine)?.into_bytes()),
+        ("report.json".into(), format!("{object:#}\n").into_bytes()),
+        ("points.csv".into(), chart::points_csv(&charted).into_bytes()),
+    ];
     for (name, svg) in [
         ("field_error", chart::field_error_svg(&charted)),
         ("frame_error", chart::frame_error_svg(&charted)),
@@ -55,6 +63,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         files.push((format!("{name}.png"), chart::png(&svg, 2.0)?));
         files.push((format!("{name}.svg"), svg.into_bytes()));
     }
+    let record = chart::record(&charted, engine.device());
+    files.push(("record.json".into(), record.text().into_bytes()));
     // All is drawn before the first file is written.
     for (name, bytes) in &files {
         write(&folder.join(name), bytes)?;
@@ -63,8 +73,13 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     for s in &charted.subjects {
         report.line("scene", format!("{}: {} measured, {} left out", s.name, counted(s.fields.len(), "field"), s.left_out.len()));
     }
-    for (name, _) in &files {
-        report.wrote(&folder.join(name));
+    report.wrote(&folder.join("report.html"));
+    report.line("", format!("and {} files beside it", files.len() - 1));
+    if let Some(records) = m.get_one::<PathBuf>("record") {
+        report.wrote(&record.write(records)?);
+    }
+    for (key, value) in object.as_object().into_iter().flatten() {
+        report.set(key, value.clone());
     }
     context.verdict(&engine)?;
     report.finish()
