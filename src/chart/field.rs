@@ -12,7 +12,10 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Shares of a subject's time: until when its reference, its own ratio's candidates, and the other ratios may run.
-const UNTIL: [f64; 3] = [0.15, 0.45, 0.58];
+const UNTIL: [f64; 3] = [0.15, 0.45, 1.0];
+
+/// Candidates that are measured even when late: without them there is no chart.
+const FIRST: usize = 4;
 
 /// Fewest probes that an error is quoted from.
 const LEAST_PROBES: usize = 64;
@@ -73,6 +76,7 @@ type Estimate = (Vec<[f32; 16]>, Vec<(&'static str, f64)>);
 struct At<'a> {
     engine: &'a Engine,
     medium: &'a Medium,
+    ratio: u32,
     probes: Vec<u32>,
     reference: Vec<[f32; 16]>,
     /// Cells of the whole field.
@@ -82,100 +86,105 @@ struct At<'a> {
     costs: Costs,
 }
 
-/// Fills `report` with the fields of a subject, and returns what its own ratio's cost.
-pub fn measure(
-    engine: &Engine,
-    subject: &Subject,
-    medium: &Medium,
-    options: &Options,
-    clock: &mut Clock,
-    report: &mut SubjectReport,
-) -> Result<Costs> {
-    let mut costs = Costs::default();
-    let own = subject.ratio;
-    // The neighbours: one finer, one coarser.
-    let others: Vec<u32> = [own * 2, own / 2].into_iter().filter(|r| [1, 2, 4, 8].contains(r)).collect();
-    for (ratio, list) in [(own, candidates::of_estimators(own))].into_iter().chain(others.iter().map(|&r| (r, candidates::of_ratio(r)))) {
-        let (reference_until, until) = if ratio == own { (UNTIL[0], UNTIL[1]) } else { (UNTIL[2], UNTIL[2]) };
-        let share = if ratio == own { 1.0 } else { 0.3 };
-        let most = if ratio == own { options.probes } else { options.probes / 4 };
-        let Some(mut at) = begin(engine, subject, medium, ratio, most, share * clock.left(reference_until), clock, report)? else {
-            report.left_out.push(format!("1:{ratio}: no time for its reference"));
-            continue;
-        };
-        let first = report.fields.len();
-        let mut late = Vec::new();
-        for v in list {
-            let (predicted, whole) = at.predicted(&v);
-            if predicted > clock.left(until) {
-                late.push(format!("{} (about {} s)", candidates::name(&v), super::plot::number(predicted)));
-                continue;
-            }
-            report.fields.push(at.point(&v, whole, clock)?);
-        }
-        if !late.is_empty() {
-            report.left_out.push(format!("1:{ratio}: {}", late.join("; ")));
-        }
-        let pairs: Vec<(f64, f64)> = report.fields[first..].iter().map(|p| (p.seconds, p.error)).collect();
-        for (p, front) in report.fields[first..].iter_mut().zip(pareto::front(&pairs)) {
-            p.front = front;
-        }
-        if ratio == own {
-            costs = at.costs.clone();
-        }
-    }
-    Ok(costs)
+/// Where and with what fields are measured.
+pub struct Fields<'a> {
+    /// The device.
+    pub engine: &'a Engine,
+    /// Whose fields.
+    pub subject: &'a Subject,
+    /// Its matter.
+    pub medium: &'a Medium,
+    /// How much.
+    pub options: &'a Options,
 }
 
-/// Probes and reference at a ratio; as many probes as `allowed` seconds are predicted to allow, `None` if too few.
-#[expect(clippy::too_many_arguments, reason = "one call, for one ratio")]
-fn begin<'a>(
-    engine: &'a Engine,
-    subject: &Subject,
-    medium: &'a Medium,
-    ratio: u32,
-    most: usize,
-    allowed: f64,
-    clock: &mut Clock,
-    report: &mut SubjectReport,
-) -> Result<Option<At<'a>>> {
-    let grid = medium.grid();
-    let cells: usize = grid.field_dims(ratio as usize).iter().product();
-    let all = measure::probes(&subject.volume, medium, ratio, most.max(LEAST_PROBES));
-    let mut at = At { engine, medium, probes: all, reference: Vec::new(), cells, cheap: CHEAP * clock.share, costs: Costs::default() };
-    // Each method once: drivers compile at a kernel's first dispatch; then once more for its rate.
-    let pilot: Vec<u32> = at.probes.iter().copied().step_by(at.probes.len().div_ceil(PILOT).max(1)).collect();
-    for method in [Method::March, Method::Hierarchical, Method::Sweep] {
-        let v = Visibility { method, directions: 8, ratio, bits: 32, ..Visibility::default() };
-        engine.estimate(medium, &v, &pilot, &mut |_, _| clock.tick())?;
-        let v = Visibility { directions: 16, ..v };
-        at.estimate(&v, &pilot, clock)?;
+/// Fills `report` with the fields of a subject at its own ratio, and returns what they cost.
+pub fn own(f: &Fields, clock: &mut Clock, report: &mut SubjectReport) -> Result<Costs> {
+    let ratio = f.subject.ratio;
+    let mut at = f.at(ratio, f.options.probes, Costs::default(), clock);
+    at.pilot(clock)?;
+    let most = at.affordable(clock.left(UNTIL[0]), f.options.probes).max(LEAST_PROBES);
+    at.begin(f, ratio, most, clock, report)?;
+    at.list(candidates::of_estimators(ratio), FIRST, UNTIL[1], clock, report)?;
+    Ok(at.costs)
+}
+
+/// The same at the ratios beside it, one coarser and one finer, with what time is left.
+pub fn others(f: &Fields, costs: &Costs, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
+    let own = f.subject.ratio;
+    for (ratio, share) in [(own * 2, 0.2), (own / 2, 0.35)].into_iter().filter(|(r, _)| [1, 2, 4, 8].contains(r)) {
+        let most = f.options.probes / 4;
+        let mut at = f.at(ratio, most, costs.clone(), clock);
+        let count = at.affordable(share * clock.left(UNTIL[2]), most);
+        if count < LEAST_PROBES.min(at.probes.len()) {
+            report.left_out.push(format!("1:{ratio}: no time for its reference"));
+            continue;
+        }
+        at.begin(f, ratio, count, clock, report)?;
+        at.list(candidates::of_ratio(ratio), 0, UNTIL[2], clock, report)?;
     }
-    let dense = Visibility {
-        method: Method::March,
-        directions: measure::REFERENCE_DIRECTIONS,
-        step: measure::REFERENCE_STEP,
-        ..Visibility::default()
-    };
-    let each = at.costs.of(&dense, grid, 1);
-    let count = if each > 0.0 { (allowed / each) as usize } else { most };
-    if count < LEAST_PROBES.min(at.probes.len()) {
-        return Ok(None);
+    Ok(())
+}
+
+impl<'a> Fields<'a> {
+    fn at(&self, ratio: u32, probes: usize, costs: Costs, clock: &Clock) -> At<'a> {
+        let (engine, medium) = (self.engine, self.medium);
+        let cells = medium.grid().field_dims(ratio as usize).iter().product();
+        let probes = measure::probes(&self.subject.volume, medium, ratio, probes.max(LEAST_PROBES));
+        At { engine, medium, ratio, probes, reference: Vec::new(), cells, cheap: CHEAP * clock.share, costs }
     }
-    at.probes = measure::probes(&subject.volume, medium, ratio, count.min(most));
-    let (reference, times) = timed(engine, || measure::reference(engine, medium, ratio, &at.probes, &mut |_, _| clock.tick()))?;
-    at.reference = reference;
-    report.references.push(Reference {
-        ratio,
-        probes: at.probes.len(),
-        directions: dense.directions,
-        step: dense.step,
-        seconds: seconds(&times),
-    });
-    Ok(Some(at))
 }
 
 impl At<'_> {
+    /// Each method once, for drivers compile at a kernel's first dispatch, and then once more for what it costs.
+    fn pilot(&mut self, clock: &mut Clock) -> Result<()> {
+        let cells: Vec<u32> = self.probes.iter().copied().step_by(self.probes.len().div_ceil(PILOT).max(1)).collect();
+        for method in [Method::March, Method::Hierarchical, Method::Sweep] {
+            for directions in [8, 16] {
+                let v = Visibility { method, directions, ratio: self.ratio, bits: 32, ..Visibility::default() };
+                self.estimate(&v, &cells, clock)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Probes, up to `most`, whose reference `allowed` seconds are predicted to pay.
+    fn affordable(&self, allowed: f64, most: usize) -> usize {
+        let each = self.costs.of(&dense(self.ratio), self.medium.grid(), 1);
+        if each > 0.0 { ((allowed / each) as usize).min(most) } else { most }
+    }
+
+    /// The reference at up to `most` probes.
+    fn begin(&mut self, f: &Fields, ratio: u32, most: usize, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
+        self.probes = measure::probes(&f.subject.volume, self.medium, ratio, most);
+        let (reference, times) =
+            timed(self.engine, || measure::reference(self.engine, self.medium, ratio, &self.probes, &mut |_, _| clock.tick()))?;
+        self.reference = reference;
+        let v = dense(ratio);
+        let (probes, seconds) = (self.probes.len(), seconds(&times));
+        report.references.push(Reference { ratio, probes, directions: v.directions, step: v.step, seconds });
+        Ok(())
+    }
+
+    /// The settings of a list that `until` allows, the first few in any case, and the front of all of them.
+    fn list(&mut self, list: Vec<Visibility>, first: usize, until: f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
+        let (from, mut late) = (report.fields.len(), Vec::new());
+        for (i, v) in list.into_iter().enumerate() {
+            let (predicted, whole) = self.predicted(&v);
+            if i >= first && predicted > clock.left(until) {
+                late.push(format!("{} (about {} s)", candidates::name(&v), super::plot::number(predicted)));
+                continue;
+            }
+            report.fields.push(self.point(&v, whole, clock)?);
+        }
+        if !late.is_empty() {
+            report.left_out.push(format!("1:{}: {}", self.ratio, late.join("; ")));
+        }
+        let pairs: Vec<(f64, f64)> = report.fields[from..].iter().map(|p| (p.seconds, p.error)).collect();
+        report.fields[from..].iter_mut().zip(pareto::front(&pairs)).for_each(|(p, front)| p.front = front);
+        Ok(())
+    }
+
     /// Wall seconds that a setting will take, and whether its whole field is computed: where that is cheap.
     fn predicted(&self, v: &Visibility) -> (f64, bool) {
         let (all, part) = (self.costs.whole(v, self.medium.grid()), self.probes.len() + TIMED_CELLS);
@@ -234,6 +243,12 @@ impl At<'_> {
             visibility: v.clone(),
         })
     }
+}
+
+/// The reference's settings.
+fn dense(ratio: u32) -> Visibility {
+    let (directions, step) = (measure::REFERENCE_DIRECTIONS, measure::REFERENCE_STEP);
+    Visibility { method: Method::March, directions, step, ratio, ..Visibility::default() }
 }
 
 /// About `count` cells of `cells`, in runs of neighbours at random places, ascending, from a fixed seed.

@@ -49,6 +49,9 @@ fn rows(ratio: u32, image: &ImageSettings) -> Vec<Row> {
     rows
 }
 
+/// Share of a subject's time until when they may run.
+const UNTIL: f64 = 0.9;
+
 /// Runs of each side, in turns, where there is time for them.
 const ROUNDS: usize = 3;
 
@@ -56,8 +59,8 @@ const ROUNDS: usize = 3;
 pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
     for row in rows(frames.subject.ratio, &frames.image) {
         let once: f64 = [&row.before, &row.after].map(|v| cost(&v.field)).iter().sum();
-        let rounds = if row.of != "field" || ROUNDS as f64 * once < 0.25 * clock.left(1.0) { ROUNDS } else { 1 };
-        if once > clock.left(1.0) {
+        let rounds = if row.of != "field" || ROUNDS as f64 * once < 0.25 * clock.left(UNTIL) { ROUNDS } else { 1 };
+        if once > clock.left(UNTIL) {
             report.left_out.push(format!("saving: {}", row.name));
             continue;
         }
