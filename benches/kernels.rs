@@ -9,13 +9,13 @@
 
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput, criterion_group, criterion_main, measurement::WallTime};
 use halflight::demo;
-use halflight::engine::{Engine, Lit, Medium, Options};
+use halflight::engine::{Engine, Lit, Medium, Options, Reference, ReferenceSettings};
 use halflight::scene::transfer::{Kind, Reference, Table};
 use halflight::scene::visibility::Method;
-use halflight::scene::{Camera, ImageSettings, Light, Matter, Picture, Probe, Shading, Surface, Transfer, Visibility, Volume};
+use halflight::scene::{Camera, ImageSettings, Light, Matter, Picture, Probe, Shading, Sky, Surface, Transfer, Visibility, Volume};
 use halflight::stages::directions::Directions;
 use halflight::stages::raymarch::View;
-use halflight::stages::{classify, hierarchical, isosurface, march, minify, pack, raymarch, relight, sweep, twin};
+use halflight::stages::{classify, hierarchical, isosurface, majorant, march, minify, pack, raymarch, relight, sweep, trace, twin};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,9 @@ const DIRECTIONS: u32 = 64;
 /// The picture.
 const IMAGE: ImageSettings =
     ImageSettings { width: 512, height: 384, step: 1.0, background: halflight::scene::Background::Transparent, exposure: 0.0 };
+
+/// Samples of a pixel of the reference renderer.
+const TRACED: u32 = 32;
 
 /// Half a step of half floats below 1, and room for exp's last bits.
 const HALF: f32 = 3e-4;
@@ -234,6 +237,41 @@ fn check_isosurface(b: &Bench) {
     assert!(hits > 20 && shaded > 4, "isosurface: {hits} hits, {shaded} shaded");
 }
 
+/// The reference picture of few samples.
+fn traced(b: &Bench) -> Reference {
+    let sky = Sky::from_probe(&Probe::two_colored());
+    let settings = ReferenceSettings { samples: TRACED, error: 0.0, ..ReferenceSettings::default() };
+    b.engine.render_reference(&b.dvr, &sky, &b.camera, &IMAGE, &settings, &mut quiet).expect("reference picture")
+}
+
+/// Sample by sample the twin's; where a rounded number lets one of them take another way, it is the pixel that differs.
+fn check_trace(b: &Bench) {
+    agree("majorant", &b.engine.read_majorants(&b.dvr).expect("majorants"), &majorant::reference(&b.volume, &b.table), 1e-3);
+    let (sky, majorants, picture) = (Sky::from_probe(&Probe::two_colored()), majorant::reference(&b.volume, &b.table), traced(b).picture);
+    let scene = trace::Twin {
+        volume: &b.volume,
+        table: &b.table,
+        majorants: &majorants,
+        sky: &sky,
+        view: &b.view,
+        width: IMAGE.width,
+        seed: 0,
+        surface: None,
+    };
+    let (mut near, mut count) = (0, 0);
+    for pixel in b.pixels() {
+        let mut mean = [0f32; 4];
+        for s in 0..TRACED {
+            let l = trace::reference(&scene, pixel, s);
+            (0..4).for_each(|c| mean[c] += l[c] / TRACED as f32);
+        }
+        let got = picture.rgba[pixel[0] + IMAGE.width * pixel[1]];
+        count += 1;
+        near += usize::from((0..4).all(|c| (got[c] - mean[c]).abs() < 2e-3 * (0.1 + mean[c])));
+    }
+    assert!(near * 20 > count * 19, "trace: {near} of {count} pixels equal the twin's");
+}
+
 /// Says how many taps the elements have at most: rays that end in the dark take fewer.
 fn print_taps(b: &Bench) {
     let grid = b.volume.grid();
@@ -284,6 +322,7 @@ fn benches(c: &mut Criterion) {
     let dvr = b.lit(&b.dvr, &b.light);
     check_raymarch(&b, &dvr);
     check_isosurface(&b);
+    check_trace(&b);
     let iso = b.lit(&b.iso, &b.light);
     println!("all results agree with their twins");
     print_taps(&b);
@@ -311,6 +350,8 @@ fn benches(c: &mut Criterion) {
     b.time(g, true, &["relight"], "relight, cells", cells.len(), relight);
     b.time(g, true, &["raymarch"], "raymarch, pixels", pixels, || drop(b.render(&b.dvr, &dvr)));
     b.time(g, true, &["isosurface"], "isosurface, pixels", pixels, || drop(b.render(&b.iso, &iso)));
+    b.time(g, true, &["majorant"], "majorant, voxels", voxels, || drop(b.engine.read_majorants(&b.dvr).expect("majorants")));
+    b.time(g, true, &["trace"], "trace, pixels x samples", pixels * TRACED as usize, || drop(traced(&b)));
     b.time(g, true, &[], "precompute, cells x directions", rays, || precompute(&hierarchical));
     b.time(g, true, &[], "frame, pixels", pixels, frame);
     group.finish();

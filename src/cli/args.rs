@@ -19,6 +19,10 @@ pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "light", "visib
 /// What a chart uses: the estimators' own settings are what it varies.
 pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
 
+/// What a reference picture depends on.
+pub const OF_REFERENCE: &[&str] =
+    &["volume", "transfer", "surface", "light.probe", "light.constant", "light.rotate", "light.scale", "camera", "image"];
+
 /// The whole command.
 pub fn command() -> Command {
     Command::new("halflight")
@@ -67,6 +71,7 @@ pub fn command() -> Command {
                 .about("Render a scene")
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
+                .args(reference())
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),
         )
@@ -175,6 +180,40 @@ fn nan_as() -> Arg {
         .value_name("VALUE")
         .allow_negative_numbers(true)
         .help("what NaN and infinite samples are replaced by; without it they are an error")
+}
+
+/// The reference renderer in place of a visibility field.
+fn reference() -> [Arg; 3] {
+    [
+        Arg::new("reference")
+            .long("reference")
+            .value_name("ERROR")
+            .num_args(0..=1)
+            .require_equals(true)
+            .default_missing_value("0.01")
+            .value_parser(parse_positive)
+            .help("trace the exact light without bias, until the picture's relative standard error is ERROR (without: 0.01)"),
+        Arg::new("samples")
+            .long("samples")
+            .value_name("N")
+            .value_parser(value_parser!(u32).range(1..=1 << 24))
+            .requires("reference")
+            .help("most samples of a pixel of --reference (default: 65536)"),
+        Arg::new("seconds")
+            .long("seconds")
+            .value_name("S")
+            .value_parser(parse_positive)
+            .requires("reference")
+            .help("seconds after which --reference begins no further pass"),
+    ]
+}
+
+/// A finite number above 0.
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("it must be a number above 0, such as 0.01".into()),
+    }
 }
 
 fn path(id: &'static str, name: &'static str, help: &'static str) -> Arg {

@@ -9,6 +9,7 @@ mod light;
 mod load;
 mod output;
 mod progress;
+mod reference;
 mod render;
 mod report;
 

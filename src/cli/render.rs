@@ -1,7 +1,7 @@
 //! `precompute` and `render`: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::{OF_FIELD, OF_SCENE, check_used, overrides};
+use super::args::{OF_FIELD, OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
@@ -37,6 +37,9 @@ pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    if m.contains_id("reference") {
+        return super::reference::render(context, m);
+    }
     let mut report = context.report();
     let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
     let bar = Progress::new(&[load::READ, "upload", "visibility", "relight", "render", "write"]);
@@ -59,7 +62,7 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 }
 
 /// What an output file says of its making: the whole scene, the device, and each kernel's time.
-fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String)> {
+pub(super) fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String)> {
     let timings: Vec<String> = spans.iter().map(|s| format!("{} {:.6} s in {} dispatches", s.kernel, s.seconds, s.calls)).collect();
     let device = engine.device();
     vec![
@@ -70,10 +73,11 @@ fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String
 }
 
 /// The scene and the checked output of a command line.
-fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
+pub(super) fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
-    check_used(&overrides, used, "a visibility field").map_err(Failure::usage)?;
+    check_used(&overrides, used, if used == OF_REFERENCE { "a reference picture" } else { "a visibility field" })
+        .map_err(Failure::usage)?;
     let output = Output::check(path_of(m, "out")?, kinds)?;
     let scene = load::scene(path, &overrides)?;
     let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
@@ -142,7 +146,7 @@ pub fn works(v: &Visibility, image: &ImageSettings, grid: &Grid) -> [(&'static s
 }
 
 /// Lays the picture over its background, if the scene has one.
-fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(), Failure> {
+pub(super) fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(), Failure> {
     if scene.image.background == Background::Transparent {
         return Ok(());
     }
@@ -154,7 +158,7 @@ fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) -> Result<(
     Ok(())
 }
 
-fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
+pub(super) fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
     report.work(engine, spans);
     report.wrote(&output.path);
     report.set("output", json!(output.path.display().to_string()));

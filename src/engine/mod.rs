@@ -3,6 +3,7 @@
 
 mod budget;
 mod precompute;
+mod reference;
 mod render;
 mod sweep;
 
@@ -16,6 +17,7 @@ use std::sync::Arc;
 
 pub use budget::Need;
 pub use precompute::precompute_memory;
+pub use reference::{Reference, ReferenceSettings};
 
 pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
 

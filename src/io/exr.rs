@@ -33,6 +33,47 @@ const MAX_PIXELS: usize = 1 << 27;
 /// holds a NUL; [`Error::Io`] when the file cannot be written.
 pub fn write_exr(path: &Path, picture: &Picture, meta: &[(String, String)]) -> Result<()> {
     check(picture)?;
+    let at = |p: Vec2<usize>| {
+        let [r, g, b, a] = picture.rgba[p.y() * picture.width + p.x()];
+        (r, g, b, a)
+    };
+    let layer = Layer::new((picture.width, picture.height), attributes(meta)?, Encoding::SMALL_LOSSLESS, SpecificChannels::rgba(at));
+    write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
+}
+
+/// As [`write_exr`], with the standard error of each pixel's R, G, B as the channels `stderr.R`, `stderr.G`, `stderr.B`.
+///
+/// # Errors
+/// As [`write_exr`], and [`Error::Invalid`] where there is not one standard error per pixel.
+pub fn write_exr_with_error(path: &Path, picture: &Picture, standard_error: &[[f32; 3]], meta: &[(String, String)]) -> Result<()> {
+    check(picture)?;
+    if standard_error.len() != picture.rgba.len() {
+        return Err(Error::Invalid {
+            item: "standard error",
+            what: format!("{} values for {} pixels", standard_error.len(), picture.rgba.len()),
+            right: "there must be one per pixel".into(),
+        });
+    }
+    let at = |p: Vec2<usize>| {
+        let i = p.y() * picture.width + p.x();
+        let ([r, g, b, a], [x, y, z]) = (picture.rgba[i], standard_error[i]);
+        (r, g, b, a, x, y, z)
+    };
+    let channels = SpecificChannels::build()
+        .with_channel("R")
+        .with_channel("G")
+        .with_channel("B")
+        .with_channel("A")
+        .with_channel("stderr.R")
+        .with_channel("stderr.G")
+        .with_channel("stderr.B")
+        .with_pixel_fn(at);
+    let layer = Layer::new((picture.width, picture.height), attributes(meta)?, Encoding::SMALL_LOSSLESS, channels);
+    write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
+}
+
+/// The header's own entries.
+fn attributes(meta: &[(String, String)]) -> Result<LayerAttributes> {
     let text = |s: &str| Text::from_slice_unchecked(s.as_bytes());
     let mut attributes =
         LayerAttributes { software_name: Some(text(concat!("halflight ", env!("CARGO_PKG_VERSION")))), ..LayerAttributes::default() };
@@ -46,13 +87,7 @@ pub fn write_exr(path: &Path, picture: &Picture, meta: &[(String, String)]) -> R
         }
         attributes.other.insert(text(&format!("halflight/{key}")), AttributeValue::Text(text(value)));
     }
-    let at = |p: Vec2<usize>| {
-        let [r, g, b, a] = picture.rgba[p.y() * picture.width + p.x()];
-        (r, g, b, a)
-    };
-    let channels = SpecificChannels::rgba(at);
-    let layer = Layer::new((picture.width, picture.height), attributes, Encoding::SMALL_LOSSLESS, channels);
-    write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
+    Ok(attributes)
 }
 
 /// Checks that a picture's pixels are those of its size.

@@ -20,7 +20,7 @@ mod settings;
 pub mod volume;
 
 pub use crate::aside::{write_aside, write_target};
-pub use exr::{read_picture_exr, write_exr};
+pub use exr::{read_picture_exr, write_exr, write_exr_with_error};
 pub use info::{VolumeInfo, describe, describe_file};
 pub use nrrd_field::{NrrdField, is_nrrd_field, read_nrrd_field, write_nrrd_field};
 pub use paraview::{TransferOptions, read_transfer};

@@ -8,6 +8,7 @@ pub mod picture;
 #[expect(clippy::module_inception, reason = "the scene's own data, beside its parts")]
 pub mod scene;
 pub mod sh;
+pub mod sky;
 pub mod transfer;
 pub mod visibility;
 pub mod volume;
@@ -17,6 +18,7 @@ pub use grid::Grid;
 pub use light::{Light, Probe};
 pub use picture::Picture;
 pub use scene::{Background, ImageSettings, Matter, Scene, Shading, Surface};
+pub use sky::Sky;
 pub use transfer::Transfer;
 pub use visibility::Visibility;
 pub use volume::{Samples, Volume};

@@ -6,12 +6,14 @@ pub mod directions;
 pub mod estimate;
 pub mod hierarchical;
 pub mod isosurface;
+pub mod majorant;
 pub mod march;
 pub mod minify;
 pub mod pack;
 pub mod raymarch;
 pub mod relight;
 pub mod sweep;
+pub mod trace;
 pub mod twin;
 
 use crate::scene::{Grid, Samples, Volume};

@@ -1,0 +1,61 @@
+//! `render --reference`: the picture without a visibility field, and how sure it is.
+
+use super::Context;
+use super::args::OF_REFERENCE;
+use super::fail::Failure;
+use super::load;
+use super::output::{Kind, PICTURES};
+use super::progress::Progress;
+use super::render::{asked, background, finish, header};
+use clap::ArgMatches;
+use halflight::engine::ReferenceSettings;
+use halflight::io;
+use halflight::scene::Sky;
+use serde_json::json;
+
+/// `halflight render SCENE -o FRAME.exr|png --reference[=ERROR]`
+pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mut report = context.report();
+    let (scene, output) = asked(m, PICTURES, OF_REFERENCE)?;
+    let defaults = ReferenceSettings::default();
+    let settings = ReferenceSettings {
+        error: m.get_one("reference").copied().unwrap_or(defaults.error),
+        samples: m.get_one("samples").copied().unwrap_or(defaults.samples),
+        seconds: m.get_one("seconds").copied(),
+        ..defaults
+    };
+    let bar = Progress::new(&[load::READ, "upload", "reference", "write"]);
+    let loaded = load::load(&scene, &bar)?;
+    let engine = context.engine()?;
+    let ([x, y, z], [lo, hi], kind) = (loaded.volume.grid().dims(), loaded.volume.range(), loaded.volume.samples().type_name());
+    report.device(&engine);
+    report.line("volume", format!("{x}x{y}x{z} {kind}, {lo} to {hi}"));
+    report.set("volume", json!({ "file": scene.volume.file.display().to_string(), "dims": [x, y, z], "type": kind, "range": [lo, hi] }));
+    report.flush()?;
+    bar.plan(&[("reference", 1.0)]);
+    bar.enter("upload");
+    let on_device = engine.upload(&loaded.volume)?;
+    let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
+    let sky = Sky::from_settings(&scene.light, loaded.probe.as_ref())?;
+    bar.enter("reference");
+    let reference = engine
+        .render_reference(&medium, &sky, &loaded.camera, &scene.image, &settings, &mut bar.job())
+        .map_err(|e| scene.origins.blame(e))?;
+    bar.enter("write");
+    let (samples, error) = (reference.samples, reference.relative_error);
+    let mut picture = reference.picture;
+    background(&scene, &loaded, &mut picture)?;
+    report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
+    report.line("reference", format!("{samples} samples a pixel, relative standard error {error:.5}"));
+    report.set("picture", json!({ "width": picture.width, "height": picture.height }));
+    report.set("reference", json!({ "samples": samples, "relative_standard_error": error, "wanted": settings.error }));
+    let spans = engine.take_timings();
+    let mut meta = header(&scene, &engine, &spans);
+    meta.push(("reference".into(), format!("{samples} samples a pixel, relative standard error {error:.6}")));
+    match output.kind {
+        Kind::Exr => io::write_exr_with_error(&output.path, &picture, &reference.standard_error, &meta)?,
+        _ => output.write(&picture, scene.image.exposure, &meta)?,
+    }
+    drop(bar);
+    finish(context, report, &engine, &spans, &output)
+}
