@@ -63,6 +63,7 @@ pub fn command() -> Command {
                 .about("Compute a scene's visibility field and write its coefficients")
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
+                .arg(measure())
                 .args(scene_args(OF_FIELD))
                 .arg(nan_as()),
         )
@@ -94,6 +95,15 @@ pub fn command() -> Command {
                 .arg(path("record", "DIR", "also write a record of the run there, named by date and device").long("record"))
                 .args(scene_args(OF_CHART))
                 .arg(nan_as()),
+        )
+        .subcommand(
+            Command::new("compare")
+                .about("Compare a picture with a reference: relative RMSE and FLIP")
+                .arg(path("picture", "PICTURE", "the picture, .exr (linear) or .png").required(true))
+                .arg(path("reference", "REFERENCE", "what it should be: of the same kind and size").required(true))
+                .arg(
+                    path("out", "FILE", "draw the difference: FLIP's map (.png) or picture minus reference (.exr)").short('o').long("out"),
+                ),
         )
         .subcommand(Command::new("devices").about("List the Vulkan devices of this machine"))
 }
@@ -172,6 +182,25 @@ fn global() -> Vec<Arg> {
             .help("say more on stderr; twice for still more")
             .global(true),
     ]
+}
+
+fn measure() -> Arg {
+    Arg::new("measure")
+        .long("measure")
+        .value_name("SECONDS")
+        .num_args(0..=1)
+        .require_equals(true)
+        .default_missing_value("60")
+        .value_parser(parse_seconds)
+        .help("measure the field's error against a dense reference, in about so many seconds of device time at most [60]")
+}
+
+/// Seconds above 0.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if s.is_finite() && s > 0.0 => Ok(s),
+        _ => Err("it must be a number of seconds above 0".into()),
+    }
 }
 
 fn nan_as() -> Arg {

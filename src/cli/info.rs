@@ -11,6 +11,7 @@ use clap::ArgMatches;
 use halflight::engine::precompute_memory;
 use halflight::error::{bytes, escaped};
 use halflight::io::{self, NrrdField, VolumeInfo};
+use halflight::measure;
 use halflight::scene::{Probe, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -88,7 +89,13 @@ fn field(report: &mut Report, path: &Path, field: &NrrdField) {
     report.line("spacing", v3(grid.spacing()));
     report.line("corner", v3(corner));
     report.line("visible", format!("{:.2} % of the directions, on average", 100.0 * visible));
-    for (key, value) in &field.meta {
+    let measured = measure::Report::from_meta(&field.meta);
+    if let Some(measured) = &measured {
+        super::precompute::say(report, measured);
+    }
+    // Said already, where it can be read.
+    let shown = |key: &str| measured.is_none() || !measure::Report::KEYS.contains(&key);
+    for (key, value) in field.meta.iter().filter(|(key, _)| shown(key)) {
         let (key, mut lines) = (escaped(key).collect::<String>(), value.lines().map(|l| escaped(l).collect::<String>()));
         if value.trim_end().contains('\n') {
             report.line(&key, "");

@@ -2,12 +2,14 @@
 
 mod args;
 mod chart;
+mod compare;
 mod demo;
 mod fail;
 mod info;
 mod light;
 mod load;
 mod output;
+mod precompute;
 mod progress;
 mod reference;
 mod render;
@@ -75,7 +77,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
             return Err(Failure::usage(
-                "a command is missing: demo, info, light, precompute, render, chart or devices; see halflight --help",
+                "a command is missing: demo, info, light, precompute, render, compare, chart or devices; see halflight --help",
             ));
         }
         Err(e) => return Err(e.into()),
@@ -92,9 +94,10 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
     let context = Context { json: m.get_flag("json"), options };
     match name {
         "demo" => demo::run(&context, m),
+        "compare" => compare::run(&context, m),
         "info" => info::run(&context, m),
         "light" => light::run(&context, m),
-        "precompute" => render::precompute(&context, m),
+        "precompute" => precompute::run(&context, m),
         "render" => render::render(&context, m),
         "chart" => chart::run(&context, m),
         _ => devices(&context),

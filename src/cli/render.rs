@@ -1,7 +1,7 @@
-//! `precompute` and `render`: the straight line from a scene to a file.
+//! `render`, and what `precompute` shares with it: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::{OF_FIELD, OF_REFERENCE, OF_SCENE, check_used, overrides};
+use super::args::{OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
@@ -17,23 +17,6 @@ use halflight::scene::visibility::Method;
 use halflight::scene::{Grid, ImageSettings, Picture, Scene, Visibility};
 use serde_json::json;
 use std::path::Path;
-
-/// `halflight precompute SCENE -o FIELD.nrrd`
-pub fn precompute(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
-    let mut report = context.report();
-    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
-    let bar = Progress::new(&[load::READ, "upload", "visibility", "write"]);
-    let loaded = load::load(&scene, &bar)?;
-    let engine = context.engine()?;
-    let (_, field) = visibility(&engine, &scene, &loaded, None, &bar, &mut report)?;
-    bar.enter("write");
-    let data = engine.read_field(&field)?;
-    let spans = engine.take_timings();
-    let meta = header(&scene, &engine, &spans);
-    io::write_nrrd_field(&output.path, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
-    drop(bar);
-    finish(context, report, &engine, &spans, &output)
-}
 
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
@@ -62,7 +45,7 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 }
 
 /// What an output file says of its making: the whole scene, the device, and each kernel's time.
-pub(super) fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String)> {
+pub fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, String)> {
     let timings: Vec<String> = spans.iter().map(|s| format!("{} {:.6} s in {} dispatches", s.kernel, s.seconds, s.calls)).collect();
     let device = engine.device();
     vec![
@@ -73,7 +56,7 @@ pub(super) fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(Str
 }
 
 /// The scene and the checked output of a command line.
-pub(super) fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
+pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
     check_used(&overrides, used, if used == OF_REFERENCE { "a reference picture" } else { "a visibility field" })
@@ -93,7 +76,7 @@ pub(super) fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Re
 
 /// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with a picture of `pixels`,
 /// before it starts.
-fn visibility(
+pub fn visibility(
     engine: &Engine,
     scene: &Scene,
     loaded: &Loaded,
@@ -158,7 +141,8 @@ pub(super) fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) 
     Ok(())
 }
 
-pub(super) fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
+/// Says what was done, unless validation had something to say.
+pub fn finish(context: &Context, mut report: Report, engine: &Engine, spans: &[Span], output: &Output) -> Result<(), Failure> {
     report.work(engine, spans);
     report.wrote(&output.path);
     report.set("output", json!(output.path.display().to_string()));

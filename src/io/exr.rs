@@ -23,7 +23,7 @@ const MAX_CHANNELS: usize = 64;
 const MAX_SIDE: usize = 65_536;
 
 /// Most pixels of a picture.
-const MAX_PIXELS: usize = 1 << 27;
+pub(super) const MAX_PIXELS: usize = 1 << 27;
 
 /// Writes linear, premultiplied RGBA (OpenEXR's convention) as 32-bit float, ZIP compressed. Each pair of `meta` becomes a
 /// text attribute `halflight/KEY`, a name that no standard attribute has.

@@ -1,6 +1,7 @@
 //! PNG: pictures for the eye, 8 bit sRGB.
 
-use super::exr::check;
+use super::exr::{MAX_PIXELS, check};
+use super::limits::{bad, open};
 use super::write_aside;
 use crate::error::{Error, Result};
 use crate::scene::Picture;
@@ -59,6 +60,70 @@ pub fn write_png(path: &Path, picture: &Picture, exposure_stops: f32, meta: &[(S
         writer.write_image_data(&bytes).map_err(failed)?;
         writer.finish().map_err(failed)
     })
+}
+
+/// The first eight bytes of a PNG file.
+pub(super) const MAGIC: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
+
+/// Reads a picture as [`write_png`] writes it, or any other PNG (grey, palette, 1 to 16 bits; of an animation the still
+/// picture), taking its samples for sRGB whatever else it says of them: linear, premultiplied; coverage 1 without alpha.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged, no PNG, or too large.
+pub fn read_picture_png(path: &Path) -> Result<Picture> {
+    let failed = |e: png::DecodingError| match e {
+        png::DecodingError::IoError(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => {
+            Error::Io { path: path.to_owned(), action: "read", source }
+        }
+        other => {
+            let what = format!("PNG: {}", super::limits::quote(&other.to_string()));
+            bad(path, what, "a whole, undamaged picture is needed")
+        }
+    };
+    let (file, _) = open(path)?;
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(failed)?;
+    let (width, height) = (reader.info().width as usize, reader.info().height as usize);
+    let size = reader.output_buffer_size().filter(|_| width.checked_mul(height).is_some_and(|n| n <= MAX_PIXELS));
+    let room = |size: usize| {
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(size).ok()?;
+        bytes.resize(size, 0u8);
+        Some(bytes)
+    };
+    let too_large = || bad(path, format!("{width}x{height} pixels"), format!("at most {MAX_PIXELS} that fit into memory are read"));
+    let mut bytes = size.and_then(room).ok_or_else(too_large)?;
+    let frame = reader.next_frame(&mut bytes).map_err(failed)?;
+    let channels = frame.color_type.samples();
+    let wide = frame.bit_depth == png::BitDepth::Sixteen;
+    let each = channels * if wide { 2 } else { 1 };
+    // Linear values of all that a sample can be.
+    let table: Vec<f32> = if wide {
+        (0..=65535).map(|i| linear(i as f32 / 65535.0)).collect()
+    } else {
+        (0..=255).map(|i| linear(i as f32 / 255.0)).collect()
+    };
+    let top = (table.len() - 1) as f32;
+    let mut picture = Picture { width, height, rgba: Vec::new() };
+    picture.rgba.try_reserve_exact(width * height).map_err(|_| too_large())?;
+    picture.rgba.extend(bytes[..frame.buffer_size()].chunks_exact(each).map(|pixel| {
+        let sample = |c: usize| if wide { usize::from(pixel[2 * c]) << 8 | usize::from(pixel[2 * c + 1]) } else { usize::from(pixel[c]) };
+        let (color, alpha) = match channels {
+            1 | 2 => ([0; 3], 1),
+            _ => ([0, 1, 2], 3),
+        };
+        let alpha = if alpha < channels { sample(alpha) as f32 / top } else { 1.0 };
+        let [r, g, b] = color.map(|c| table[sample(c)] * alpha);
+        [r, g, b, alpha]
+    }));
+    check(&picture).map_err(|_| bad(path, format!("{} of its {width}x{height} pixels", picture.rgba.len()), "all must be there"))?;
+    Ok(picture)
+}
+
+/// Linear value of sRGB's 0..1: the inverse of [`srgb`].
+pub fn linear(srgb: f32) -> f32 {
+    if srgb <= 0.04045 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
 }
 
 /// One pixel for display.

@@ -1,0 +1,101 @@
+//! `compare`: a picture against its reference, in numbers and as a picture of the difference.
+
+use super::Context;
+use super::fail::Failure;
+use super::output::{Kind, Output, PICTURES};
+use super::path_of;
+use clap::ArgMatches;
+use halflight::Error;
+use halflight::error::shown;
+use halflight::io::{self, PictureKind};
+use halflight::measure::{self, Difference, flip};
+use halflight::scene::Picture;
+use serde_json::json;
+use std::path::Path;
+
+/// `halflight compare PICTURE REFERENCE [-o DIFFERENCE.png|exr]`
+pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mut report = context.report();
+    let paths = [path_of(m, "picture")?, path_of(m, "reference")?];
+    let output = match m.get_one::<std::path::PathBuf>("out") {
+        Some(path) => Some(Output::check(path, PICTURES)?),
+        None => None,
+    };
+    if let Some(output) = &output {
+        output.is_none_of(&paths)?;
+    }
+    let [(kind, a), (other, b)] = [io::read_picture(paths[0])?, io::read_picture(paths[1])?];
+    if kind != other {
+        let what = |kind| if kind == PictureKind::Radiance { "linear radiance (OpenEXR)" } else { "for display (PNG)" };
+        return Err(wrong(paths[0], format!("it is {}, the reference is {}", what(kind), what(other)), "both must be of one kind"));
+    }
+    // The library knows no files: what it refuses is said of them.
+    let blame = |e: Error| match e {
+        Error::Invalid { what, right, .. } => wrong(paths[0], format!("compared with {}: {what}", shown(paths[1])), &right),
+        other => other.into(),
+    };
+    let difference = measure::compare(&a, &b).map_err(blame)?;
+    let flip = match kind {
+        PictureKind::Radiance => flip::radiance(&a, &b),
+        PictureKind::Display => flip::display(&a, &b),
+    };
+    let flip = flip.map_err(blame)?;
+
+    let Difference { size: [width, height], covered, max, max_at: [x, y, c], .. } = difference;
+    report.line("picture", format!("{}, {width}x{height} pixels", shown(paths[0])));
+    report.line("reference", format!("{}, covers {covered} of {}", shown(paths[1]), width * height));
+    let figure = |v: Option<f64>| v.map_or_else(|| "none: the reference is black".into(), |v| format!("{v:.5}"));
+    report.line(
+        "rel. RMSE",
+        format!("{} over covered pixels, {} over all", figure(difference.relative_rmse), figure(difference.relative_rmse_all)),
+    );
+    report.line("mean ratio", format!("{} over covered pixels", figure(difference.mean_ratio)));
+    report.line("largest", format!("{max:.6} in {} at column {x}, row {y}", ["red", "green", "blue"][c]));
+    let name = match flip.exposures {
+        Some((first, last, count)) => format!("HDR-FLIP over {count} exposures, {first:+.2} to {last:+.2} stops"),
+        None => "LDR-FLIP".into(),
+    };
+    report
+        .line("FLIP", format!("{:.6} mean, {:.6} largest ({name}; {:.1} pixels per degree)", flip.mean, flip.max, flip::PIXELS_PER_DEGREE));
+    let weighted: Vec<String> = flip::PERCENTILES.iter().zip(flip.weighted).map(|(p, v)| format!("{p} %: {v:.4}")).collect();
+    report.line("weighted", weighted.join("  "));
+    report.set("picture", json!(paths[0].display().to_string()));
+    report.set("reference", json!(paths[1].display().to_string()));
+    report.set("difference", json!(difference));
+    report.set(
+        "flip",
+        json!({
+            "kind": if flip.exposures.is_some() { "hdr" } else { "ldr" }, "mean": flip.mean, "max": flip.max,
+            "weighted_percentiles": flip::PERCENTILES.iter().zip(flip.weighted).map(|(p, v)| (p.to_string(), json!(v))).collect::<serde_json::Map<_, _>>(),
+            "exposures": flip.exposures.map(|(first, last, count)| json!({ "first": first, "last": last, "count": count })),
+            "pixels_per_degree": flip::PIXELS_PER_DEGREE,
+        }),
+    );
+    if let Some(output) = output {
+        let meta = [("picture", paths[0]), ("reference", paths[1])].map(|(key, path)| (key.to_owned(), shown(path)));
+        output.write(&drawn(output.kind, &a, &b, &flip.map), 0.0, &meta)?;
+        report.wrote(&output.path);
+        report.set("output", json!(output.path.display().to_string()));
+    }
+    report.finish()
+}
+
+fn wrong(path: &Path, what: String, right: &str) -> Failure {
+    Error::Format { path: path.to_owned(), what, right: right.into() }.into()
+}
+
+/// FLIP's map in colours for the eye, or the signed difference for programs (coverage 1 everywhere, so that none of it is
+/// lost to the background).
+fn drawn(kind: Kind, a: &Picture, b: &Picture, map: &[f32]) -> Picture {
+    let rgba = match kind {
+        Kind::Exr => a.rgba.iter().zip(&b.rgba).map(|(a, b)| [a[0] - b[0], a[1] - b[1], a[2] - b[2], 1.0]).collect(),
+        _ => map
+            .iter()
+            .map(|&e| {
+                let [r, g, b] = flip::magma(e).map(|v| io::png::linear(f32::from(v) / 255.0));
+                [r, g, b, 1.0]
+            })
+            .collect(),
+    };
+    Picture { width: b.width, height: b.height, rgba }
+}

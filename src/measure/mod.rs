@@ -1,0 +1,64 @@
+//! How wrong a field or a picture is, measured against its reference (`physics.md`'s definitions, stated here too).
+//!
+//! - [`field_error`], [`errors`]: relative L2 over cells and coefficients, whole and by band, with bootstrap intervals.
+//! - [`Plan`], [`Report`]: the same of a computed field against the dense reference, before and after packing, within a
+//!   budget of device time.
+//! - [`relative_rmse`], [`compare`]: one picture against another.
+//! - [`flip`]: the perceived difference of two pictures (Andersson et al. 2020, 2021).
+
+mod field;
+pub mod flip;
+mod picture;
+mod probes;
+mod report;
+
+pub use field::{Errors, FieldError, errors, field_error};
+pub use picture::{Difference, compare, relative_rmse};
+use probes::draw;
+pub use probes::{near_matter, probes};
+pub use report::{Budget, Plan, Report};
+
+use crate::engine::{Engine, Medium, Progress};
+use crate::error::Result;
+use crate::scene::Visibility;
+use crate::scene::visibility::{Method, Sampling};
+use crate::stages::pack;
+
+/// Directions of the reference.
+pub const REFERENCE_DIRECTIONS: u32 = 4096;
+
+/// Step of the reference, voxels.
+pub const REFERENCE_STEP: f32 = 0.25;
+
+/// The reference at some cells: `march` with [`REFERENCE_DIRECTIONS`] stratified directions and steps of
+/// [`REFERENCE_STEP`] voxels.
+///
+/// # Errors
+/// As [`Engine::estimate`].
+pub fn reference(engine: &Engine, medium: &Medium, ratio: u32, cells: &[u32], progress: &mut Progress) -> Result<Vec<[f32; 16]>> {
+    engine.estimate(medium, &dense(ratio, REFERENCE_DIRECTIONS), cells, progress)
+}
+
+/// The reference's settings, with another number of directions.
+fn dense(ratio: u32, directions: u32) -> Visibility {
+    Visibility {
+        method: Method::March,
+        sampling: Sampling::Stratified,
+        directions,
+        step: REFERENCE_STEP,
+        bands: 4,
+        ratio,
+        ..Visibility::default()
+    }
+}
+
+/// What `bits` of packing make of coefficients.
+pub fn packed(v: &[[f32; 16]], bands: u32, bits: u32) -> Vec<[f32; 16]> {
+    v.iter()
+        .map(|v| {
+            let mut out = pack::decode(&pack::reference(v, bands, bits), bits);
+            out[(bands * bands) as usize..].fill(0.0);
+            out
+        })
+        .collect()
+}

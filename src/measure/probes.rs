@@ -1,0 +1,62 @@
+//! Where a field is measured: cells near matter, drawn at random from a fixed seed.
+
+use crate::engine::Medium;
+use crate::scene::{Grid, Volume};
+use crate::stages::directions::SplitMix;
+use crate::stages::twin;
+
+/// Field cells within two cells of matter (σ_t > 0 at a voxel), up to `count` of them, drawn at random without
+/// repetition from a fixed seed, ascending.
+pub fn probes(volume: &Volume, medium: &Medium, ratio: u32, count: usize) -> Vec<u32> {
+    let mut cells = draw(near_matter(volume, medium, ratio), count);
+    cells.sort_unstable();
+    cells
+}
+
+/// All field cells at `ratio` voxels per cell within two cells of matter (σ_t > 0 at a voxel), ascending. Looks at each
+/// voxel at most once.
+pub fn near_matter(volume: &Volume, medium: &Medium, ratio: u32) -> Vec<u32> {
+    let grid: &Grid = volume.grid();
+    let n = grid.dims();
+    let dims = grid.field_dims(ratio as usize);
+    let cell_of: [Vec<usize>; 3] = std::array::from_fn(|a| (0..n[a]).map(|i| (i * dims[a] / n[a]).min(dims[a] - 1)).collect());
+    // Cells that hold a voxel of matter.
+    let mut near = vec![false; dims.iter().product()];
+    for z in 0..n[2] {
+        for y in 0..n[1] {
+            let row = dims[0] * (cell_of[1][y] + dims[1] * cell_of[2][z]);
+            let first = n[0] * (y + n[1] * z);
+            for x in 0..n[0] {
+                let cell = &mut near[row + cell_of[0][x]];
+                // Most voxels of matter lie in cells that are known already.
+                *cell = *cell || twin::extinction(medium.table(), volume.value(first + x)) > 0.0;
+            }
+        }
+    }
+    // Grown by two cells along each axis in turn.
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    for a in 0..3 {
+        let source = near.clone();
+        for (i, out) in near.iter_mut().enumerate() {
+            let at = i / strides[a] % dims[a];
+            let (lo, hi) = (at.saturating_sub(2), (at + 2).min(dims[a] - 1));
+            *out = (lo..=hi).any(|k| source[i + k * strides[a] - at * strides[a]]);
+        }
+    }
+    near.iter().enumerate().filter(|(_, n)| **n).map(|(i, _)| i as u32).collect()
+}
+
+/// Up to `count` of `cells`, at random without repetition from a fixed seed, in the order drawn: the first of many are the
+/// few that a smaller count would draw.
+pub(super) fn draw(mut cells: Vec<u32>, count: usize) -> Vec<u32> {
+    // Fisher-Yates, as far as needed.
+    let mut random = SplitMix(0x70_726f_6265);
+    let count = count.min(cells.len());
+    for i in 0..count {
+        let j = i + (random.next() % (cells.len() - i) as u64) as usize;
+        cells.swap(i, j);
+    }
+    cells.truncate(count);
+    cells.shrink_to_fit();
+    cells
+}

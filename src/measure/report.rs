@@ -1,0 +1,232 @@
+//! The measured error of a computed field: before packing and after it, whole and by band, within a budget of time.
+
+use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near_matter, reference};
+use crate::engine::{Engine, Field, Medium, Progress};
+use crate::error::{Error, Result};
+use crate::scene::visibility::Method;
+use crate::scene::{Visibility, Volume};
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Probes, if time allows, and the fewest.
+const PROBES: [usize; 2] = [1024, 64];
+
+/// Directions of the pilot: all probes, so that the device is as busy as in the whole.
+const PILOT_DIRECTIONS: u32 = 16;
+
+/// What a measurement may cost. It only decides how many cells are measured: for a given number of them the result is the
+/// same every time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Budget {
+    /// Seconds of device time.
+    pub seconds: f64,
+    /// Seconds of device time that the field took, if known: a swept field is swept again for its coefficients before
+    /// packing, which is left out where it takes longer than `seconds`.
+    pub field_seconds: Option<f64>,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { seconds: 60.0, field_seconds: None }
+    }
+}
+
+/// What is going to be measured, and about how long it takes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Cells to measure, ascending; none where there is no matter.
+    pub cells: Vec<u32>,
+    /// Seconds of device time that the reference will take, by a pilot.
+    pub seconds: f64,
+    /// Whether the error before packing is measured too.
+    pub before: bool,
+    /// Seconds of device time that the second sweep will take, where there is one.
+    pub again: Option<f64>,
+}
+
+/// The measured error of a field.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Cells that were measured.
+    pub probes: usize,
+    /// Directions of the reference.
+    pub directions: u32,
+    /// Step of the reference, voxels.
+    pub step: f32,
+    /// Bands that the field keeps.
+    pub bands: u32,
+    /// Bits of its coefficients.
+    pub bits: u32,
+    /// The estimator's own error; `None` where it was not measured ([`Plan::before`]).
+    pub before: Option<Errors>,
+    /// The error of the field as the renderers see it.
+    pub after: Errors,
+    /// Seconds of device time that measuring took.
+    pub seconds: f64,
+}
+
+impl Plan {
+    /// Chooses the cells by a pilot of few directions: 1,024 of those near matter or, where the reference at so many would
+    /// take longer than `budget`, fewer, but 64. Takes the engine's timings.
+    ///
+    /// # Errors
+    /// As [`Engine::estimate`].
+    pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
+        let mut cells = draw(near_matter(volume, medium, settings.ratio), PROBES[0]);
+        let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
+        let mut pilot = |directions, cells: &[u32]| {
+            let start = Instant::now();
+            engine.take_timings();
+            engine.estimate(medium, &dense(settings.ratio, directions), cells, &mut quiet)?;
+            Ok(seconds(engine, start))
+        };
+        let mut seconds = 0.0;
+        if let Some(first) = cells.first() {
+            // Whatever a kernel's first dispatch costs is not the pilot's.
+            pilot(1, &[*first])?;
+            seconds = pilot(PILOT_DIRECTIONS, &cells)? * f64::from(REFERENCE_DIRECTIONS / PILOT_DIRECTIONS);
+        }
+        let count = affordable(cells.len(), seconds, budget.seconds);
+        if count < cells.len() {
+            seconds *= count as f64 / cells.len() as f64;
+            cells.truncate(count);
+        }
+        cells.sort_unstable();
+        // Floats are stored as they are: there is nothing to run again.
+        let again = if settings.method == Method::Sweep && settings.bits != 32 { budget.field_seconds } else { None };
+        Ok(Self { cells, seconds, before: again.is_none_or(|s| s <= budget.seconds), again: again.filter(|&s| s <= budget.seconds) })
+    }
+}
+
+impl Report {
+    /// The keys of [`Report::meta`]: one line for people, one object for programs.
+    pub const KEYS: [&str; 2] = ["error", "error_json"];
+
+    /// Measures `field` at the plan's cells. `kept` is what [`Engine::read_field`] gave: the field as the renderers see
+    /// it. Takes the engine's timings.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] where `kept` is not of this field; otherwise as [`Engine::estimate`].
+    pub fn measure(engine: &Engine, medium: &Medium, field: &Field, kept: &[f32], plan: &Plan, progress: &mut Progress) -> Result<Self> {
+        let settings = field.settings();
+        let (coefficients, count) = (settings.coefficients(), field.dims().iter().product::<usize>());
+        if kept.len() != coefficients * count || plan.cells.last().is_some_and(|&c| c as usize >= count) {
+            return Err(Error::Invalid {
+                item: "measured field",
+                what: format!("{} numbers, and cells up to {}", kept.len(), plan.cells.last().copied().unwrap_or(0)),
+                right: format!("{coefficients} coefficients of {count} cells are needed, and a plan for them"),
+            });
+        }
+        let start = Instant::now();
+        engine.take_timings();
+        let truth = reference(engine, medium, settings.ratio, &plan.cells, &mut |stage, f| progress(stage, 0.9 * f))?;
+        let after: Vec<[f32; 16]> = plan.cells.iter().map(|&cell| of_cell(kept, coefficients, cell)).collect();
+        let before = match (settings.bits, plan.before) {
+            (32, _) => Some(after.clone()),
+            (_, true) => Some(engine.estimate(medium, settings, &plan.cells, &mut |stage, f| progress(stage, 0.9 + 0.1 * f))?),
+            (_, false) => None,
+        };
+        Ok(Self {
+            probes: plan.cells.len(),
+            directions: REFERENCE_DIRECTIONS,
+            step: REFERENCE_STEP,
+            bands: settings.bands,
+            bits: settings.bits,
+            before: before.map(|v| errors(&v, &truth, settings.bands)),
+            after: errors(&after, &truth, settings.bands),
+            seconds: seconds(engine, start),
+        })
+    }
+
+    /// The report as pairs for a file's header; see [`Report::KEYS`].
+    pub fn meta(&self) -> Vec<(String, String)> {
+        let json = serde_json::to_string(self).unwrap_or_default();
+        vec![(Self::KEYS[0].into(), self.sentence()), (Self::KEYS[1].into(), json)]
+    }
+
+    /// The report in a file's header, if there is one.
+    pub fn from_meta(meta: &[(String, String)]) -> Option<Self> {
+        let (_, json) = meta.iter().find(|(key, _)| key == Self::KEYS[1])?;
+        serde_json::from_str(json).ok()
+    }
+
+    /// One line: both errors over 16 coefficients with their intervals, and what they were measured with.
+    pub fn sentence(&self) -> String {
+        if self.probes == 0 {
+            return "not measured: no cell lies near matter".into();
+        }
+        let figure = |e: &Errors| format!("{:.4} [{:.4}, {:.4}]", e.all.relative_l2, e.all.interval[0], e.all.interval[1]);
+        let before = self.before.as_ref().map_or_else(|| "not measured".into(), figure);
+        format!(
+            "{before} before packing, {} after {} bits; relative L2 over 16 coefficients with its 95 % interval, {} probes near matter \
+             against {} directions in steps of {} voxel",
+            figure(&self.after),
+            self.bits,
+            self.probes,
+            self.directions,
+            self.step
+        )
+    }
+
+    /// A small table: a row per band, one over what is kept where that is less, one over all.
+    pub fn table(&self) -> Vec<String> {
+        if self.probes == 0 {
+            return Vec::new();
+        }
+        let after = if self.bits == 32 { "after (32-bit float)".into() } else { format!("after ({} bits)", self.bits) };
+        let mut lines = vec![format!("  {:<16} {:<25} {after}", "relative L2", "before packing")];
+        let mut row = |name: String, of: &dyn Fn(&Errors) -> super::FieldError| {
+            let cell = |e: Option<&Errors>| match e.map(of) {
+                Some(e) => format!("{:.4} [{:.4}, {:.4}]", e.relative_l2, e.interval[0], e.interval[1]),
+                None => "not measured".into(),
+            };
+            lines.push(format!("  {name:<16} {:<25} {}", cell(self.before.as_ref()), cell(Some(&self.after))));
+        };
+        for l in 0..4 {
+            let kept = (l as u32) < self.bands;
+            row(format!("band {l}{}", if kept { "" } else { " (not kept)" }), &|e| e.bands[l]);
+        }
+        if self.bands < 4 {
+            row(format!("{} coefficients", self.bands * self.bands), &|e| e.kept);
+        }
+        row("16 coefficients".into(), &|e| e.all);
+        lines
+    }
+}
+
+/// How many of `count` probes, which would take `predicted` seconds together, to measure in `seconds`.
+fn affordable(count: usize, predicted: f64, seconds: f64) -> usize {
+    if predicted <= seconds { count } else { ((count as f64 * seconds / predicted) as usize).max(PROBES[1]).min(count) }
+}
+
+/// The coefficients of a cell, 0 where the field keeps none.
+fn of_cell(kept: &[f32], coefficients: usize, cell: u32) -> [f32; 16] {
+    let first = cell as usize * coefficients;
+    std::array::from_fn(|i| if i < coefficients { kept[first + i] } else { 0.0 })
+}
+
+/// Device seconds since the timings were last taken; where the device keeps no time, those of the clock.
+fn seconds(engine: &Engine, start: Instant) -> f64 {
+    let spans = engine.take_timings();
+    match spans.iter().all(|s| s.timed) {
+        true => spans.iter().map(|s| s.seconds).sum(),
+        false => start.elapsed().as_secs_f64(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::affordable;
+
+    #[test]
+    fn what_is_affordable_follows_the_prediction() {
+        assert_eq!(affordable(1024, 30.0, 60.0), 1024);
+        assert_eq!(affordable(1024, 120.0, 60.0), 512);
+        assert_eq!(affordable(1024, 1e9, 60.0), 64, "the fewest");
+        assert_eq!(affordable(20, 1e9, 60.0), 20, "there are no more");
+        assert_eq!(affordable(0, 0.0, 60.0), 0);
+        // A device that keeps no time, and predicts nonsense.
+        assert_eq!((affordable(1024, f64::INFINITY, 60.0), affordable(1024, f64::NAN, 60.0)), (64, 64));
+    }
+}
