@@ -10,7 +10,9 @@ use halflight::io::{ReadOptions, read_volume};
 use halflight::scene::grid::glam::{DMat3, DVec3};
 use halflight::scene::transfer::{Kind, Reference};
 use halflight::scene::visibility::{Method, Sampling};
-use halflight::scene::{Camera, Grid, ImageSettings, Light, Matter, Probe, Shading, Surface, Transfer, Visibility, Volume};
+use halflight::scene::{Camera, Grid, ImageSettings, Light, Matter, Picture, Probe, Shading, Surface, Transfer, Visibility, Volume};
+use halflight::stages::raymarch::View;
+use halflight::stages::twin;
 use halflight::{Error, demo};
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
@@ -129,14 +131,18 @@ impl<'a> Scene<'a> {
     }
 
     fn frame(&self, medium: &Medium, lit: &Lit, degrees: f64) -> Result<Time, Failure> {
+        self.shot(medium, lit, degrees, &self.image).map(|(_, time)| time)
+    }
+
+    fn shot(&self, medium: &Medium, lit: &Lit, degrees: f64, image: &ImageSettings) -> Result<(Picture, Time), Failure> {
         self.engine.take_timings();
         let start = Instant::now();
-        let picture = self.engine.render(medium, lit, &self.camera(degrees), &self.image, &mut |_, _| ControlFlow::Continue(()))?;
+        let picture = self.engine.render(medium, lit, &self.camera(degrees), image, &mut |_, _| ControlFlow::Continue(()))?;
         let wall = start.elapsed().as_secs_f64();
         if picture.rgba.iter().all(|p| p[3] == 0.0) {
             return Err("the picture shows nothing: choose another --iso".into());
         }
-        Ok(Time { device: device_seconds(self.engine), wall })
+        Ok((picture, Time { device: device_seconds(self.engine), wall }))
     }
 
     /// Each kernel once, for some drivers compile at a kernel's first dispatch.
@@ -263,23 +269,73 @@ fn table(scene: &Scene, a: &Arguments) -> Result<Vec<Value>, Failure> {
     Ok(rows)
 }
 
-/// Frames of a camera that turns once about z.
-fn turn(scene: &Scene, count: u32, limit: f64) -> Result<Value, Failure> {
+/// Steps of a frame's rays through the box, and those of them in blocks that hold matter: of every fourth pixel, per pixel
+/// of the picture, had no ray ended in the dark.
+fn steps(scene: &Scene, medium: &Medium, degrees: f64) -> Result<[f64; 2], Failure> {
+    let (distances, blocks, n) = (scene.engine.read_occupancy(medium)?, medium.occupancy().dims(), scene.grid.dims());
+    let view = View::new(&scene.grid, &scene.camera(degrees).rays(&scene.grid, scene.image.width, scene.image.height)?);
+    let step = scene.grid.voxel_length() as f32;
+    let (mut all, mut filled, mut pixels) = (0u64, 0u64, 0u64);
+    for j in (0..scene.image.height).step_by(4) {
+        for i in (0..scene.image.width).step_by(4) {
+            let d = view.direction(i, j);
+            let (enter, leave) = twin::box_span(view.origin, d, n);
+            pixels += 1;
+            let count = ((leave - enter.max(0.0)) / step).ceil().max(0.0) as u64;
+            all += count;
+            filled += (0..count)
+                .filter(|&k| {
+                    let p = twin::along(view.origin, d, enter.max(0.0) + (k as f32 + 0.5) * step);
+                    let b: [usize; 3] = std::array::from_fn(|a| ((p[a] / 4.0) as usize).min(blocks[a] - 1));
+                    distances[b[0] + blocks[0] * (b[1] + blocks[1] * b[2])] == 0
+                })
+                .count() as u64;
+        }
+    }
+    Ok([all, filled].map(|count| count as f64 / pixels as f64))
+}
+
+/// Frames of a camera that turns once about z, with and without leaps over empty blocks, in turns.
+fn turn(scene: &Scene, count: u32) -> Result<Value, Failure> {
     let medium = scene.dvr()?;
-    let (field, setup) =
-        set_up(scene, &medium, 4, limit)?.map_err(|s| format!("the setup would take about {} s, beyond --limit", digits(s)))?;
+    // A frame takes the same time whichever way its field was found.
+    let sweep = Visibility { method: Method::Sweep, directions: 64, step: 2.0, ..Visibility::default() };
+    let field = scene.engine.precompute(&medium, &sweep, &mut |_, _| ControlFlow::Continue(()))?;
     let lit = scene.engine.relight(&field, &scene.light)?;
-    scene.frame(&medium, &lit, 0.0)?;
-    let frames: Result<Vec<Time>, Failure> =
-        (1..=count.max(1)).map(|i| scene.frame(&medium, &lit, 360.0 * f64::from(i) / f64::from(count.max(1)))).collect();
-    let frame = median(frames?);
+    let plain = ImageSettings { skip: false, ..scene.image };
+    for image in [scene.image, plain] {
+        scene.shot(&medium, &lit, 0.0, &image)?;
+    }
+    let (mut leaping, mut all, mut difference) = (Vec::new(), Vec::new(), 0f32);
+    for i in 1..=count.max(1) {
+        let degrees = 360.0 * f64::from(i) / f64::from(count.max(1));
+        let (a, time) = scene.shot(&medium, &lit, degrees, &scene.image)?;
+        leaping.push(time);
+        let (b, time) = scene.shot(&medium, &lit, degrees, &plain)?;
+        all.push(time);
+        difference = a.rgba.as_flattened().iter().zip(b.rgba.as_flattened()).map(|(a, b)| (a - b).abs()).fold(difference, f32::max);
+    }
+    let (leaping, all) = (median(leaping), median(all));
+    let [in_box, in_matter] = steps(scene, &medium, 0.0)?;
+    let o = medium.occupancy();
     println!(
-        "halflight, DVR at 1:4, one voxel per step: median {} ms/frame wall, {} ms device; setup {} s",
-        digits(1e3 * frame.wall),
-        or_dash(frame.device.map(|s| 1e3 * s)),
-        digits(setup.wall)
+        "{} of {} blocks hold matter; {in_box:.1} steps a pixel in the box, {in_matter:.1} of them in such blocks",
+        o.occupied(),
+        o.dims().iter().product::<usize>()
     );
-    Ok(json!({ "frames": count, "setup_wall_s": setup.wall, "frame_wall_s": frame.wall, "frame_device_s": frame.device }))
+    for (name, time) in [("leaping over empty blocks", leaping), ("every step", all)] {
+        println!(
+            "halflight, DVR at 1:4, one voxel per step, {name}: median {} ms/frame wall, {} ms device",
+            digits(1e3 * time.wall),
+            or_dash(time.device.map(|s| 1e3 * s))
+        );
+    }
+    println!("largest difference of the two pictures: {difference:e}");
+    Ok(json!({
+        "frames": count, "frame_wall_s": leaping.wall, "frame_device_s": leaping.device,
+        "every_step_frame_wall_s": all.wall, "every_step_frame_device_s": all.device, "largest_difference": difference,
+        "blocks": o.dims(), "occupied_blocks": o.occupied(), "steps_per_pixel": in_box, "steps_in_matter_per_pixel": in_matter,
+    }))
 }
 
 fn run() -> Result<(), Failure> {
@@ -301,13 +357,17 @@ fn run() -> Result<(), Failure> {
     let (info, d) = (engine.device(), scene.grid.dims());
     let cores = std::thread::available_parallelism().map_or(0, usize::from);
     println!("halflight {}; {}; {}; {cores} processor cores", env!("CARGO_PKG_VERSION"), info.name, info.driver);
-    println!(
-        "{name}, {}x{}x{} voxels; {DIRECTIONS} directions, hierarchical, jittered; pictures of {}x{}, median of {repeats}; iso {}",
-        d[0], d[1], d[2], size.0, size.1, scene.iso
-    );
+    let how = match a.frames {
+        Some(count) => format!("pictures of {}x{}, median of {count}", size.0, size.1),
+        None => format!(
+            "{DIRECTIONS} directions, hierarchical, jittered; pictures of {}x{}, median of {repeats}; iso {}",
+            size.0, size.1, scene.iso
+        ),
+    };
+    println!("{name}, {}x{}x{} voxels; {how}", d[0], d[1], d[2]);
     println!();
     let result = match a.frames {
-        Some(count) => turn(&scene, count, a.limit)?,
+        Some(count) => turn(&scene, count)?,
         None => Value::Array(table(&scene, &a)?),
     };
     if let Some(path) = &a.json {

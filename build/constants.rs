@@ -4,10 +4,12 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 
 /// Name, value, meaning.
-const INTEGERS: [(&str, usize, &str); 3] = [
+const INTEGERS: [(&str, usize, &str); 5] = [
     ("COEFFICIENTS", 16, "Spherical-harmonic coefficients of a field: bands 0 to 3, index l(l+1)+m."),
     ("TABLE_SIZE", 4096, "Entries of a tabulated function of the scalar."),
     ("MAX_LEVELS", 14, "Levels of the deepest pyramid: 8192 cells along an edge."),
+    ("BLOCK", 4, "Voxels along an edge of a block of the occupancy."),
+    ("MAX_LEAP", 15, "Blocks of the largest distance that the occupancy tells apart."),
 ];
 
 const PACK_RANGE: &str = "Range over which coefficient l(l+1)+m is quantised: 2√π for index 0 (values 0 to that), ½∫|Y_lm|dω for the others \

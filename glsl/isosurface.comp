@@ -2,7 +2,8 @@
 // once, in the paper's isotropic form (albedo/(4 pi) int V L) or as Lambert (albedo/pi int V L max(0, n.w)) with the
 // gradient normal, through the SH product of visibility, light and clamped cosine (bands 0, 1, 2, 4, 6: exact for V and
 // L of 4 bands). A pixel's state stays in memory so that a long ray can be split over dispatches.
-// Counted: one tap per step, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 32 texels and 31 x 48
+// Blocks without matter are leapt over on the same sample positions (see raymarch.comp).
+// Counted: one texel per leap, one tap per step in blocks with matter, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 32 texels and 31 x 48
 // multiply-adds.
 // readwrite: state
 #version 460
@@ -16,6 +17,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = 0) const uint BANDS = 4;
 #include "field.glsl"
 layout(constant_id = 2) const uint LAMBERT = 1;
+layout(constant_id = 3) const uint SKIP = 1; // 1: leap over empty blocks
+layout(constant_id = 4) const uint RUN = 4;  // steps between two looks at the blocks
 
 layout(set = 0, binding = 0) uniform sampler3D volume;
 layout(set = 0, binding = 1) uniform sampler3D field0;
@@ -31,6 +34,7 @@ layout(set = 0, binding = 5, std430) readonly buffer View {
 };
 layout(set = 0, binding = 6, std430) buffer State { vec4 state[]; };        // radiance, coverage
 layout(set = 0, binding = 7, std430) writeonly buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
+layout(set = 0, binding = 8) uniform sampler3D occupancy;
 
 layout(push_constant) uniform Params {
     vec3 origin;
@@ -47,8 +51,12 @@ layout(push_constant) uniform Params {
     uint rows;
     uint first_step;
     uint step_count;
+    uint bounds_x;        // first voxel with matter around it, and << 16 one past the last
+    uint bounds_y;
+    uint bounds_z;
 };
 #include "view.glsl"
+#include "occupancy.glsl"
 #include "sh.glsl"
 #include "sh_high.glsl"
 
@@ -159,19 +167,36 @@ void main() {
     vec3 p0 = (origin + d * begin) * scale;
     vec3 dn = d * scale;
 
-    float lo = min(float(first_step) * step_length, total);
+    // Steps before the box around all matter and behind it find nothing; one more on both sides, for positions are rounded.
+    vec3 q0 = origin + d * begin;
+    vec2 inside = matter_span(origin, d) - begin;
+    uint first = max(first_step, uint(clamp(inside.x / step_length - 2.0, 0.0, float(steps))));
+    end = min(end, uint(clamp(inside.y / step_length + 2.0, 0.0, float(steps))));
+    float lo = min(float(first) * step_length, total);
     float hi = -1.0;
-    if (first_step < end) {
+    if (first < end) {
         if (above(p0 + dn * lo) >= 0.0) {
             hi = lo; // the volume's own face cuts the surface open
         } else {
-            for (uint i = first_step + 1u; i <= end; i++) {
-                float t = min(float(i) * step_length, total);
-                if (above(p0 + dn * t) >= 0.0) {
-                    hi = t;
-                    break;
+            uint i = first + 1u;
+            while (i <= end && hi < 0.0) {
+                if (SKIP == 1) {
+                    while (i <= end) {
+                        float steps = leap(q0 + d * min(float(i) * step_length, total), d);
+                        if (steps == 0.0) break;
+                        i += uint(steps);
+                        lo = min(float(i - 1u) * step_length, total);
+                    }
                 }
-                lo = t;
+                uint stop = min(i + RUN, end + 1u);
+                for (; i < stop; i++) {
+                    float t = min(float(i) * step_length, total);
+                    if (above(p0 + dn * t) >= 0.0) {
+                        hi = t;
+                        break;
+                    }
+                    lo = t;
+                }
             }
         }
     }

@@ -2,7 +2,9 @@
 
 // Table coordinate 0..TABLE_SIZE-1 of a sample as the image returns it.
 float table_coordinate(float d) {
-    return clamp(d * map_scale + map_bias, 0.0, float(TABLE_SIZE - 1));
+    // The same in every kernel, to the last bit: what occupancy.comp finds empty is empty.
+    precise float u = d * map_scale + map_bias;
+    return clamp(u, 0.0, float(TABLE_SIZE - 1));
 }
 
 // sigma_t [1/world unit] of a sample, linear between table entries.

@@ -1,8 +1,11 @@
 // raymarch: direct volume rendering. L = sum over steps of T alpha S, front to back: alpha = 1 - exp(-sigma_t ds) for
 // any step (midpoint rule, classification after interpolation), S = albedo * irradiance. A pixel's state (radiance,
 // optical depth) stays in memory so that a long ray can be split over dispatches; the depth keeps thin media exact.
-// Counted per step: one tap and a table lookup; where there is matter also one tap of the irradiance volume, an exp
-// and two loads of albedo.
+// Empty blocks are leapt over on the same sample positions, so that the picture does not change. Some devices execute both
+// sides of every branch, but leave a loop once all its rays have: leaps and samples are loops of their own, and the
+// samples of RUN steps are taken before blocks are looked at again, the same for all rays of a packet.
+// Counted per step in or near matter: one tap, a table lookup, one tap of the irradiance volume, two exp, two loads of
+// albedo unless it is constant; per leap one texel.
 // readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -18,6 +21,12 @@ layout(set = 0, binding = 2, std430) readonly buffer Albedo { vec4 albedo[]; };
 layout(set = 0, binding = 3) uniform sampler3D irradiance;
 layout(set = 0, binding = 4, std430) buffer State { vec4 state[]; }; // radiance, optical depth
 
+layout(set = 0, binding = 5) uniform sampler3D occupancy;
+
+layout(constant_id = 0) const uint SKIP = 1; // 1: leap over empty blocks
+layout(constant_id = 1) const uint TINTED = 0; // 1: albedo is constant and stands in tint
+layout(constant_id = 2) const uint RUN = 8; // steps between two looks at the blocks
+
 layout(push_constant) uniform Params {
     vec3 origin;          // voxel space
     float step_length;    // world units
@@ -31,12 +40,16 @@ layout(push_constant) uniform Params {
     uint first_row;
     vec3 metric_cross;
     uint rows;            // rows of this dispatch
+    vec3 tint;            // radiance per unit of the irradiance volume, times albedo where that is constant
+    uint bounds_x;        // first voxel with matter around it, and << 16 one past the last
+    uint bounds_y;
+    uint bounds_z;
     uint first_step;
     uint step_count;
-    float light_scale;    // radiance per unit of the irradiance volume
 };
 #include "medium.glsl"
 #include "view.glsl"
+#include "occupancy.glsl"
 
 const float DARK = 1e-3; // transmittance at which a ray ends
 
@@ -56,23 +69,38 @@ void main() {
     vec3 scale = 1.0 / dims;
     vec3 p0 = (origin + d * begin) * scale;
     vec3 dn = d * scale;
-    for (uint i = first_step; i < end && transmittance > DARK; i++) {
-        float t = float(i) * step_length;
-        float ds = min(step_length, total - t);
-        vec3 p = p0 + dn * (t + 0.5 * ds); // normalised coordinates of volume and field
-        float u = table_coordinate(textureLod(volume, p, 0.0).r);
-        uint k = min(uint(u), TABLE_SIZE - 2u);
-        float f = u - float(k);
-        float sigma_t = mix(sigma[k], sigma[k + 1u], f);
-        if (sigma_t > 0.0) {
-            float depth = sigma_t * ds;
-            float alpha = opacity_of(depth);
-            vec3 a = mix(albedo[k].rgb, albedo[k + 1u].rgb, f);
-            // The sky seen through spherical harmonics can ring below zero; light does not.
-            vec3 source = a * max(textureLod(irradiance, p, 0.0).rgb, vec3(0.0)) * light_scale;
-            s.rgb += transmittance * alpha * source;
-            s.a += depth;
-            transmittance = exp(-s.a);
+    vec3 q0 = origin + d * begin;
+    // A step more on both sides of the box: positions are rounded.
+    vec2 inside = matter_span(origin, d) - begin;
+    uint i = max(first_step, uint(clamp(inside.x / step_length - 2.0, 0.0, float(steps))));
+    end = min(end, uint(clamp(inside.y / step_length + 2.0, 0.0, float(steps))));
+    while (i < end && transmittance > DARK) {
+        if (SKIP == 1) {
+            while (i < end) {
+                float t = float(i) * step_length;
+                float steps = leap(q0 + d * (t + 0.5 * min(step_length, total - t)), d);
+                if (steps == 0.0) break;
+                i += uint(steps);
+            }
+        }
+        uint stop = min(i + RUN, end);
+        for (; i < stop && transmittance > DARK; i++) {
+            float t = float(i) * step_length;
+            float ds = min(step_length, total - t);
+            vec3 p = p0 + dn * (t + 0.5 * ds); // normalised coordinates of volume and field
+            float u = table_coordinate(textureLod(volume, p, 0.0).r);
+            uint k = min(uint(u), TABLE_SIZE - 2u);
+            float f = u - float(k);
+            float depth = mix(sigma[k], sigma[k + 1u], f) * ds;
+            if (depth > 0.0) {
+                float alpha = opacity_of(depth);
+                // The sky seen through spherical harmonics can ring below zero; light does not.
+                vec3 source = max(textureLod(irradiance, p, 0.0).rgb, vec3(0.0)) * tint;
+                if (TINTED == 0) source *= mix(albedo[k].rgb, albedo[k + 1u].rgb, f);
+                s.rgb += transmittance * alpha * source;
+                s.a += depth;
+                transmittance = exp(-s.a);
+            }
         }
     }
     state[slot] = s;

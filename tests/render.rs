@@ -439,3 +439,67 @@ fn one_stray_voxel_does_not_change_the_others() {
         }
     }
 }
+
+#[test]
+fn leaps_over_empty_blocks_change_no_bit() {
+    let engine = engine();
+    let extinctions = |points: &[[f64; 2]]| {
+        let points: Vec<[f64; 5]> = points.iter().map(|&[s, e]| [s, s.clamp(0.0, 1.0), 0.7, 0.5, e]).collect();
+        let transfer = halflight::scene::Transfer::from_points(
+            &points,
+            halflight::scene::transfer::Kind::Extinction,
+            halflight::scene::transfer::Reference::World,
+        );
+        halflight::scene::Matter { transfer: transfer.expect("transfer"), surface: None }
+    };
+    let thin = extinctions(&[[0.6, 0.0], [1.0, 0.3]]);
+    // Matter, a hole, matter.
+    let shell = extinctions(&[[0.0, 0.0], [0.15, 0.0], [0.2, 0.4], [0.3, 0.0], [0.8, 0.0], [0.9, 2.0]]);
+    let nothing = extinctions(&[[0.0, 0.0]]);
+    let cut = |iso| surface(Surface { iso, shading: Shading::Lambert, albedo: Some([0.8, 0.6, 0.4]) });
+    for dims in [[41, 30, 53], [64, 9, 1], [5, 3, 2]] {
+        let grid = oblique(dims);
+        let volume = blobs(grid, 7 + dims[0] as u64);
+        let [lo, top] = volume.range().map(f64::from);
+        let part = |x: f64| lo + x * (top - lo);
+        // Rounding of filtered samples must not lose what lies exactly at the largest value either.
+        for matter in [&thin, &shell, &nothing, &cut(part(0.5)), &cut(part(0.97)), &cut(top)] {
+            let (_, medium) = load(&engine, &volume, matter);
+            let field = engine.precompute(&medium, &Visibility { directions: 16, ..march(4) }, &mut quiet).expect("field");
+            let lit = engine.relight(&field, &coloured()).expect("light");
+            // From afar, from within, along a face.
+            for position in [[1.6, -1.9, 1.1], [0.05, 0.02, 0.1], [0.5, -2.0, 0.0]] {
+                for step in [1.0, 0.23, 3.7] {
+                    let camera = camera(&grid, position, 30.0);
+                    let [on, off] = [true, false].map(|skip| {
+                        let image = ImageSettings { skip, ..image(40, 30, step) };
+                        engine.render_with_distance(&medium, &lit, &camera, &image, &mut quiet).expect("picture")
+                    });
+                    assert!(on == off, "{dims:?}, {position:?}, step {step}: {} of {top}", medium.occupancy().occupied());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_speck_in_the_void_is_seen_by_leaping_rays() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([64; 3], [1.0; 3]).expect("grid");
+    // One voxel, in the corner of its block: only the apron tells the neighbours of it. Without it: nothing.
+    for (at, expected) in [(Some([32, 32, 32]), true), (Some([35, 28, 63]), true), (None, false)] {
+        let volume = Volume::from_fn(grid, |p| f32::from(u8::from(at == Some(p.map(|x| x as usize)) || p.iter().all(|&x| x < 1.0))))
+            .expect("volume");
+        let (_, medium) = load(&engine, &volume, &linear(2.0));
+        let field = engine.precompute(&medium, &Visibility { directions: 4, ..march(8) }, &mut quiet).expect("field");
+        let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+        let [on, off] = [true, false].map(|skip| {
+            let image = ImageSettings { skip, ..image(96, 96, 0.25) };
+            let camera =
+                Camera { target: DVec3::from(at.unwrap_or([32; 3]).map(|x| x as f64 + 0.5)), ..camera(&grid, [0.3, -2.0, 0.2], 6.0) };
+            engine.render(&medium, &lit, &camera, &image, &mut quiet).expect("picture")
+        });
+        assert!(on == off);
+        assert_eq!(on.rgba.iter().any(|p| p[3] > 0.5), expected, "{at:?}");
+    }
+}

@@ -73,6 +73,7 @@ height = 200
 step = 0.5
 background = [0, 0.5, 1]
 exposure = -1.5
+skip = false
 "#;
 
 #[test]
@@ -117,7 +118,8 @@ fn every_key_is_read() {
         space: Space::World,
     };
     assert_eq!(s.camera, camera);
-    let image = ImageSettings { width: 320, height: 200, step: 0.5, background: Background::Color([0.0, 0.5, 1.0]), exposure: -1.5 };
+    let image =
+        ImageSettings { width: 320, height: 200, step: 0.5, background: Background::Color([0.0, 0.5, 1.0]), exposure: -1.5, skip: false };
     assert_eq!(s.image, image);
     // The table of keys and this file agree: no key of the table is forgotten here, but for the exclusive ones.
     for key in keys::KEYS {
@@ -144,6 +146,7 @@ fn defaults_hold_where_a_key_is_absent() {
     assert_eq!(d("image.height"), s.image.height.to_string());
     assert_eq!(d("image.step"), s.image.step.to_string());
     assert_eq!(d("image.exposure"), s.image.exposure.to_string());
+    assert_eq!(d("image.skip"), s.image.skip.to_string());
     assert_eq!((d("image.background").as_str(), s.image.background), ("transparent", Background::Transparent));
     assert_eq!(d("camera.fov"), s.camera.fov_degrees.to_string());
     assert_eq!((d("camera.up").as_str(), s.camera.up), ("[0, 0, 1]", DVec3::Z));
@@ -181,7 +184,7 @@ fn each_refusal_says_what_where_and_what_would_be_right() {
             "\n\n[light]\nprob = 'x'",
             "s.toml line 4: `light.prob` is unknown; did you mean `light.probe`? ([light] has probe, constant, rotate",
         ),
-        ("[image]\nqqqqqqqqq = 1", "`image.qqqqqqqqq` is unknown; [image] has width, height, step, background, exposure"),
+        ("[image]\nqqqqqqqqq = 1", "`image.qqqqqqqqq` is unknown; [image] has width, height, step, background, exposure, skip"),
         // A table is no key: [prob] is not light.probe, but a key without its table is found.
         ("[iso]\n", "s.toml line 1: `iso` is unknown; the tables are [volume], [transfer]"),
         ("iso = 3\n", "s.toml line 1: `iso` is unknown; did you mean `surface.iso`? (the tables are"),
@@ -238,6 +241,7 @@ fn each_refusal_says_what_where_and_what_would_be_right() {
         ("volume.file = 'a'\nimage.step = 0", "`image.step` is 0; it must lie in 0.05..16 voxels"),
         ("volume.file = 'a'\nimage.background = 'sky'", "`image.background` is \"sky\"; it must be [red, green, blue]"),
         ("volume.file = 'a'\nimage.exposure = nan", "`image.exposure` is nan; it must lie in -40..40 stops"),
+        ("volume.file = 'a'\nimage.skip = 1", "`image.skip` is 1; it must be true or false"),
     ];
     for (text, part) in cases {
         let sentence = parse(text).expect_err(text);
@@ -439,7 +443,7 @@ fn a_scenes_text_is_the_same_scene_again() {
          [light]\nprobe = \"p.hdr\"\nrotate = [0, 0.6, 0.8, 33]\nscale = 2.5\nbands = 3\nwindow = \"hanning\"\n\
          [visibility]\nmethod = \"march\"\nratio = 2\ndirections = 77\nbands = 3\nbits = 16\nfilter = \"product\"\nsampling = \"jittered\"\ngrowth = 0.3\nstep = 0.7\n\
          [camera]\nposition = [1, 2, 3]\ntarget = [0.1, 0.2, 0.3]\nup = [0, 1, 0]\nfov = 44\nspace = \"world\"\n\
-         [image]\nwidth = 10\nheight = 20\nstep = 0.3\nbackground = \"light\"\nexposure = -1.5",
+         [image]\nwidth = 10\nheight = 20\nstep = 0.3\nbackground = \"light\"\nexposure = -1.5\nskip = false",
         "[volume]\nfile = \"a.nrrd\"\n[transfer]\nfile = \"t.json\"\nname = \"bone\"\nrange = [1, 9]\n[light]\nconstant = [0.1, 0.2, 0.7]\n[image]\nbackground = [0.1, 0.2, 0.3]",
     ];
     for text in texts {

@@ -4,6 +4,7 @@ use super::{Engine, precompute_memory};
 use crate::error::{Error, Result};
 use crate::scene::transfer::TABLE_SIZE;
 use crate::scene::{Samples, Visibility, Volume};
+use crate::stages::occupancy;
 
 /// Bytes that small buffers and alignment add to the sum of the large parts.
 const SLACK: u64 = 1 << 20;
@@ -11,7 +12,7 @@ const SLACK: u64 = 1 << 20;
 /// Device memory of a scene, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
-    /// The volume's image and its tables.
+    /// The volume's image, its occupancy and its tables.
     pub volume: u64,
     /// The packed field.
     pub field: u64,
@@ -28,7 +29,9 @@ impl Need {
         let (field, scratch) = precompute_memory(grid, settings);
         let cells: u64 = grid.field_dims(settings.ratio as usize).iter().map(|&n| n as u64).product();
         let picture = pixels.map_or(0, |(w, h)| 8 * cells + 20 * (w as u64).saturating_mul(h as u64).min(super::render::STRIP as u64));
-        Self { volume: volume_bytes(volume) + 20 * TABLE_SIZE as u64, field, scratch, picture }
+        // While the occupancy is computed it takes some more, which is free again before the field is begun.
+        let (occupancy, passing) = occupancy::bytes(volume);
+        Self { volume: volume_bytes(volume) + occupancy + 20 * TABLE_SIZE as u64, field, scratch: scratch.max(passing), picture }
     }
 
     /// The most that is held at one time.

@@ -2,6 +2,7 @@
 //! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
 
 mod budget;
+mod occupancy;
 mod precompute;
 mod reference;
 mod render;
@@ -10,12 +11,13 @@ mod sweep;
 use crate::error::{Error, Result};
 use crate::scene::transfer::Table;
 use crate::scene::{Grid, Light, Matter, Samples, Visibility, Volume};
-use crate::stages::{Encoding, MediumView, pack, relight};
+use crate::stages::{self, Encoding, MediumView, pack, relight};
 use crate::vk::{self, Access, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
 pub use budget::Need;
+pub use occupancy::Occupancy;
 pub use precompute::precompute_memory;
 pub use reference::{Reference, ReferenceSettings};
 
@@ -46,6 +48,8 @@ struct VolumeData {
     range: [f32; 2],
     encoding: Encoding,
     image: Image,
+    /// Smallest and largest sample of each block; see `stages::occupancy`.
+    ranges: Image,
 }
 
 /// A volume with its matter: what estimators and renderers see.
@@ -55,6 +59,8 @@ pub struct Medium {
     table: Table,
     sigma: Buffer,
     albedo: Buffer,
+    occupancy: Occupancy,
+    flat_albedo: Option<[f32; 3]>,
 }
 
 /// A visibility field on the device: 16 (or fewer) SH coefficients per cell, packed. Clones share it.
@@ -89,7 +95,7 @@ impl DeviceVolume {
 
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        self.0.image.bytes()
+        self.0.image.bytes() + self.0.ranges.bytes()
     }
 }
 
@@ -104,6 +110,11 @@ impl Medium {
         &self.table
     }
 
+    /// Which blocks hold matter.
+    pub fn occupancy(&self) -> &Occupancy {
+        &self.occupancy
+    }
+
     fn view(&self) -> MediumView<'_> {
         MediumView {
             grid: self.grid(),
@@ -111,6 +122,8 @@ impl Medium {
             sigma: &self.sigma,
             albedo: &self.albedo,
             map: self.volume.0.encoding.table_map(self.table.lo, self.table.hi),
+            occupancy: &self.occupancy.distances,
+            flat_albedo: self.flat_albedo,
         }
     }
 }
@@ -211,7 +224,8 @@ impl Engine {
         let dims = grid.dims().map(|n| n as u32);
         let voxel = 8 * format.bytes();
         let what = format!("the volume of {}x{}x{} voxels ({voxel} bits each on the device)", dims[0], dims[1], dims[2]);
-        self.ask(&what, budget::volume_bytes(volume), |free| {
+        let (ranges, passing) = stages::occupancy::bytes(volume);
+        self.ask(&what, budget::volume_bytes(volume) + ranges + passing, |free| {
             let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
             format!(
                 "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",
@@ -221,7 +235,8 @@ impl Engine {
         let image = self.device.image3(&ImageDesc { name: "volume", dims, levels: 1, format, views: &[], storage: false })?;
         let row = dims[0] as usize * dims[1] as usize;
         self.device.write_image(&image, 0, &mut |first_z, bytes| encode(volume.samples(), first_z as usize * row, bytes))?;
-        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), encoding: Encoding::of(volume), image })))
+        let ranges = self.upload_ranges(volume)?;
+        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), encoding: Encoding::of(volume), image, ranges })))
     }
 
     /// Gives a volume its matter: transfer function, or opaque surface.
@@ -245,7 +260,9 @@ impl Engine {
         self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
         let sigma = self.device.buffer_from("sigma", &table.sigma)?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
-        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo })
+        let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
+        let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
+        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo })
     }
 
     /// The field's coefficients as the renderers see them (after packing): bands² per cell, coefficient fastest, then x,

@@ -3,6 +3,7 @@
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, ImageSettings, Picture};
+use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
 use crate::stages::{isosurface, raymarch};
 use crate::vk::Access;
@@ -71,7 +72,8 @@ impl Engine {
         // Loops besides the march: bisection, cells, harmonics.
         let (width, height) = (image.width as u32, image.height as u32);
         // One row must not take long either.
-        let segment = self.device.loop_limit().saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
+        // A step may cost three iterations: a leap, the loop around it, a sample.
+        let segment = (self.device.loop_limit() / 3).saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
         let most = ((STRIP / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
         self.ask("the picture", 20 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
@@ -82,6 +84,11 @@ impl Engine {
                 Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
             }
             _ => None,
+        };
+        let leap = Leap {
+            distances: &medium.occupancy.distances,
+            bounds: if image.skip { medium.occupancy.bounds().unwrap_or_default() } else { [[0; 3], grid.dims()] },
+            skip: image.skip,
         };
         let encoding = medium.volume.0.encoding;
         let settings = lit.field.settings();
@@ -105,7 +112,9 @@ impl Engine {
                 let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment };
                 let mut rec = self.device.record()?;
                 match &surface {
-                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, step_length, &state)?,
+                    None => {
+                        raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, step_length, leap, &state)?
+                    }
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
@@ -117,6 +126,7 @@ impl Engine {
                             bands: settings.bands,
                             bits: settings.bits,
                             shading: surface.shading,
+                            leap,
                         };
                         isosurface::record(&mut rec, &inputs, &view, part, step_length, &state, depth)?;
                         // The next part of the rays stores the hits that it finds.

@@ -241,5 +241,6 @@ fn image(s: &Settings) -> Result<ImageSettings> {
             },
         },
         exposure: s.number("image.exposure", -40.0..=40.0, "it must lie in -40..40 stops")?.unwrap_or(default.exposure),
+        skip: s.flag("image.skip")?.unwrap_or(default.skip),
     })
 }

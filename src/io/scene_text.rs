@@ -179,6 +179,7 @@ fn image(scene: &Scene) -> Table {
         ("height", integer(i.height as u64)),
         ("step", Value::Float(i.step)),
         ("exposure", Value::Float(i.exposure)),
+        ("skip", Value::Boolean(i.skip)),
     ];
     match i.background {
         Background::Transparent => {}

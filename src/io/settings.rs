@@ -177,6 +177,15 @@ impl Settings {
         self.wrong(key, &format!("it must be {}", names.join(" or ")))
     }
 
+    /// True or false.
+    pub fn flag(&self, key: &str) -> Result<Option<bool>> {
+        match self.values.get(key) {
+            None => Ok(None),
+            Some(Value::Boolean(b)) => Ok(Some(*b)),
+            Some(_) => self.wrong(key, "it must be true or false"),
+        }
+    }
+
     /// Text that is not empty. An override that looks like something else is taken as it was written.
     pub fn text(&self, key: &str) -> Result<Option<String>> {
         let text = match (self.values.get(key), self.written.get(key)) {

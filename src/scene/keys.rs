@@ -71,6 +71,7 @@ pub const KEYS: &[Key] = &[
     key("image.step", "VOXELS", "1", "step of the viewing ray"),
     key("image.background", "[R, G, B]|light", "transparent", "linear radiance behind the volume, or the light itself"),
     key("image.exposure", "STOPS", "0", "exposure of 8-bit pictures"),
+    key("image.skip", "true|false", "true", "leap over empty blocks; off is slower and shows the same picture"),
 ];
 
 /// The key of that name.

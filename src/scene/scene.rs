@@ -270,6 +270,8 @@ pub struct ImageSettings {
     pub background: Background,
     /// Exposure of 8-bit pictures, stops.
     pub exposure: f64,
+    /// Whether rays leap over empty blocks; the picture is the same.
+    pub skip: bool,
 }
 
 /// Largest picture side that is taken seriously.
@@ -277,7 +279,7 @@ pub const MAX_SIDE: usize = 16384;
 
 impl Default for ImageSettings {
     fn default() -> Self {
-        Self { width: 1024, height: 768, step: 1.0, background: Background::Transparent, exposure: 0.0 }
+        Self { width: 1024, height: 768, step: 1.0, background: Background::Transparent, exposure: 0.0, skip: true }
     }
 }
 

@@ -3,6 +3,7 @@
 //! SH product: Σ_k H_k(n) Σ_ij G_ijk v_i L_j with the clamped cosine's bands 0, 1, 2, 4, 6 (exact for V and L of four
 //! bands). The field is interpolated among cells in vacuum only: one inside the surface sees nothing.
 
+use super::occupancy::Leap;
 use super::pack::GROUPS;
 use super::raymarch::{Part, View};
 use super::twin;
@@ -79,6 +80,8 @@ pub struct Surface<'a> {
     pub bits: u32,
     /// Shading that `shade` was folded for.
     pub shading: Shading,
+    /// What rays leap by.
+    pub leap: Leap<'a>,
 }
 
 /// Records one part; `state` (vec4) and `depth` (float: world distance of the hit, −1 for none) hold rows × width pixels,
@@ -96,6 +99,7 @@ pub fn record(
     depth: &Buffer,
 ) -> Result<()> {
     let [f0, f1, f2, f3] = surface.field;
+    let [bounds_x, bounds_y, bounds_z] = surface.leap.packed();
     rec.dispatch(
         &kernel::Bindings {
             volume: surface.volume.sampled(),
@@ -106,8 +110,15 @@ pub fn record(
             view: surface.shade,
             state,
             hit_distance: depth,
+            occupancy: surface.leap.distances.sampled(),
         },
-        &kernel::Spec { bands: surface.bands, bits: surface.bits, lambert: u32::from(surface.shading == Shading::Lambert) },
+        &kernel::Spec {
+            bands: surface.bands,
+            bits: surface.bits,
+            lambert: u32::from(surface.shading == Shading::Lambert),
+            skip: surface.leap.skip.into(),
+            ..kernel::Spec::default()
+        },
         &kernel::Params {
             origin: view.origin,
             step_length: step_length as f32,
@@ -123,6 +134,9 @@ pub fn record(
             rows: part.rows,
             first_step: part.first_step,
             step_count: part.step_count,
+            bounds_x,
+            bounds_y,
+            bounds_z,
         },
         [part.width, part.rows, 1],
     )

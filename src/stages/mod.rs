@@ -9,6 +9,7 @@ pub mod isosurface;
 pub mod majorant;
 pub mod march;
 pub mod minify;
+pub mod occupancy;
 pub mod pack;
 pub mod raymarch;
 pub mod relight;
@@ -66,6 +67,10 @@ pub struct MediumView<'a> {
     pub albedo: &'a vk::Buffer,
     /// Image sample → table coordinate.
     pub map: (f32, f32),
+    /// Distance of each block to the nearest that holds matter; see `stages::occupancy`.
+    pub occupancy: &'a vk::Image,
+    /// The albedo of all table entries, where they have the same.
+    pub flat_albedo: Option<[f32; 3]>,
 }
 
 /// Dims as the kernels take them.

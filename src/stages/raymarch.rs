@@ -1,6 +1,7 @@
 //! raymarch: direct volume rendering. L = Σ T α S front to back, α = 1 − exp(−σ_t Δs) for any step Δs (midpoint rule,
 //! classification after interpolation), S = ϖ · irradiance; a ray ends when T ≤ 10⁻³.
 
+use super::occupancy::Leap;
 use super::{MediumView, twin};
 use crate::error::Result;
 use crate::kernels::raymarch as kernel;
@@ -82,9 +83,11 @@ pub fn record(
     view: &View,
     part: Part,
     step_length: f64,
+    leap: Leap,
     state: &Buffer,
 ) -> Result<()> {
     let (irradiance, light_scale) = irradiance;
+    let [bounds_x, bounds_y, bounds_z] = leap.packed();
     rec.dispatch(
         &kernel::Bindings {
             volume: medium.volume.sampled(),
@@ -92,8 +95,9 @@ pub fn record(
             albedo: medium.albedo,
             irradiance: irradiance.sampled(),
             state,
+            occupancy: leap.distances.sampled(),
         },
-        &kernel::Spec::default(),
+        &kernel::Spec { skip: leap.skip.into(), tinted: medium.flat_albedo.is_some().into(), ..kernel::Spec::default() },
         &kernel::Params {
             origin: view.origin,
             step_length: step_length as f32,
@@ -107,9 +111,12 @@ pub fn record(
             first_row: part.first_row,
             metric_cross: view.metric_cross,
             rows: part.rows,
+            tint: medium.flat_albedo.unwrap_or([1.0; 3]).map(|a| a * light_scale),
+            bounds_x,
+            bounds_y,
+            bounds_z,
             first_step: part.first_step,
             step_count: part.step_count,
-            light_scale,
         },
         [part.width, part.rows, 1],
     )
