@@ -57,6 +57,7 @@ pub mod kernels;
 pub mod measure;
 pub mod record;
 pub mod scene;
+pub mod stability;
 pub mod stages;
 pub mod vk;
 

@@ -1,0 +1,119 @@
+//! The same scene on two devices, or on one whose compiler works otherwise: lavapipe with vectors of 4 and of 8 lanes, with
+//! one thread and with two. Each runs in a child process, for a driver reads its environment once.
+
+use crate::common::{blobs, engine, linear, load, oblique, quiet, surface};
+use halflight::engine::{Engine, Options, devices};
+use halflight::scene::visibility::{Filter, Method, Sampling};
+use halflight::scene::{Camera, ImageSettings, Light, Matter, Shading, Surface, Visibility};
+use halflight::vk::DeviceKind;
+use std::process::Command;
+
+/// Names the file that a child writes its numbers to.
+const CHILD: &str = "HALFLIGHT_STABILITY_CHILD";
+
+/// Fields of every method in smooth and in opaque matter, and a picture of each.
+fn numbers(engine: &Engine) -> Vec<Vec<f32>> {
+    let mut out = Vec::new();
+    let grid = oblique([19, 14, 11]);
+    let volume = blobs(grid, 23);
+    let opaque = surface(Surface { iso: 0.5, shading: Shading::Lambert, albedo: Some([0.8; 3]) });
+    for matter in [linear(0.7), opaque] {
+        let matter: Matter = matter;
+        let (_, medium) = load(engine, &volume, &matter);
+        for (method, sampling) in
+            [(Method::March, Sampling::Stratified), (Method::March, Sampling::Jittered), (Method::Hierarchical, Sampling::Stratified), (Method::Sweep, Sampling::Stratified)]
+        {
+            let s = Visibility { method, sampling, ratio: 2, directions: 96, bits: 32, step: 0.5, filter: Filter::Axis, ..Visibility::default() };
+            let field = engine.precompute(&medium, &s, &mut quiet).expect("field");
+            out.push(engine.read_field(&field).expect("read"));
+            let lit = engine.relight(&field, &Light::constant([1.0, 0.5, 2.0])).expect("light");
+            let image = ImageSettings { width: 24, height: 18, step: 0.5, ..ImageSettings::default() };
+            let picture = engine.render(&medium, &lit, &Camera::framing(&grid), &image, &mut quiet).expect("picture");
+            out.push(picture.rgba.into_iter().flatten().collect());
+        }
+    }
+    out
+}
+
+#[test]
+fn child_writes_its_numbers() {
+    let Some(path) = std::env::var_os(CHILD) else { return };
+    let bytes: Vec<u8> = numbers(&engine()).iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(path, bytes).expect("written");
+}
+
+/// The numbers of a child with these variables set.
+fn child(variables: &[(&str, &str)]) -> Vec<f32> {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("numbers");
+    let output = Command::new(std::env::current_exe().expect("this test"))
+        .args(["--exact", "devices::child_writes_its_numbers"])
+        .env(CHILD, &path)
+        .envs(variables.iter().copied())
+        .output()
+        .expect("the child starts");
+    assert!(output.status.success(), "{variables:?}: {}", String::from_utf8_lossy(&output.stdout));
+    let bytes = std::fs::read(path).expect("the child wrote");
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+/// √(Σ(a − b)²/Σb²) and the largest difference.
+fn differences(a: &[f32], b: &[f32]) -> (f64, f64) {
+    let (d, s) = a.iter().zip(b).fold((0.0, 0.0), |(d, s), (a, b)| (d + f64::from(a - b).powi(2), s + f64::from(*b).powi(2)));
+    ((d / s).sqrt(), a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max))
+}
+
+/// Asserts that each part of `other` is that of `reference`.
+fn agree(name: &str, other: &[f32], reference: &[Vec<f32>]) {
+    assert_eq!(other.len(), reference.iter().map(Vec::len).sum::<usize>());
+    let mut at = 0;
+    for (k, part) in reference.iter().enumerate() {
+        let (relative, worst) = differences(&other[at..at + part.len()], part);
+        at += part.len();
+        println!("{name}, part {k}: relative {relative:.1e}, worst {worst:.1e}");
+        // exp and division differ by a few ulp over some 50 steps; beside an opaque edge single rays of 96 may flip.
+        let most = if k < reference.len() / 2 { SMOOTH } else { OPAQUE };
+        assert!(relative < most, "{name}, part {k}: {relative}");
+    }
+}
+
+const SMOOTH: f64 = 1e-5;
+const OPAQUE: f64 = 3e-3;
+
+#[test]
+fn other_vectors_and_threads_give_the_same_numbers() {
+    let here = engine();
+    if here.device().kind != DeviceKind::Cpu {
+        println!("skipped: {} is no CPU device, so its vectors cannot be chosen", here.device().name);
+        return;
+    }
+    let reference = numbers(&here);
+    let flat: Vec<f32> = reference.iter().flatten().copied().collect();
+    assert!(flat.iter().all(|v| v.is_finite()));
+    assert!(child(&[("LP_NUM_THREADS", "1")]).iter().zip(&flat).all(|(a, b)| a.to_bits() == b.to_bits()), "one thread gives other bits");
+    for width in ["128", "256"] {
+        agree(&format!("vectors of {width} bits"), &child(&[("LP_NATIVE_VECTOR_WIDTH", width)]), &reference);
+    }
+    // Sabotage: a tenth more extinction is not within it.
+    let (_, denser) = load(&here, &blobs(oblique([19, 14, 11]), 23), &linear(0.77));
+    let s = Visibility { method: Method::March, ratio: 2, directions: 96, bits: 32, step: 0.5, ..Visibility::default() };
+    let field = here.precompute(&denser, &s, &mut quiet).expect("field");
+    assert!(differences(&here.read_field(&field).expect("read"), &reference[0]).0 > OPAQUE);
+}
+
+#[test]
+fn every_device_of_this_machine_gives_the_same_numbers() {
+    let all = devices().expect("devices");
+    if all.len() < 2 {
+        println!("skipped: {} is the only device", all[0].name);
+        return;
+    }
+    let reference = numbers(&engine());
+    for info in &all {
+        let options = Options { device: Some(info.index.to_string()), ..Options::default() };
+        match Engine::new(&options) {
+            Ok(other) => agree(&info.name, &numbers(&other).concat(), &reference),
+            Err(error) => println!("skipped: {error}"),
+        }
+    }
+}
