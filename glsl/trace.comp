@@ -64,7 +64,7 @@ layout(push_constant) uniform Params {
 #include "hit.glsl"
 
 const uint STRATA = 4;
-const uint BLOCK = STRATA * STRATA;
+const uint BATCH = STRATA * STRATA;
 const float TENTATIVE = 8.0; // collisions that a viewing ray through matter meets at least, on average: less noise in haze
 const float ROULETTE = 0.1; // transmittance below which a ray goes on by chance
 
@@ -241,7 +241,7 @@ void main() {
         key.y = s;
         key.z = seed;
         vec2 jitter = draw(key);
-        uint k = s % BLOCK;
+        uint k = s % BATCH;
         vec2 u = min((vec2(k % STRATA, k / STRATA) + jitter) / float(STRATA), vec2(0.99999994));
         vec3 weight;
         vec3 toward = sample_sky(u, weight);
@@ -263,10 +263,10 @@ void main() {
             if (lobe > 0.0) block.rgb += lobe * unshadowed(start, w, dims) * surface_albedo.rgb * weight * scale;
             block.a += 1.0;
         }
-        if (k == BLOCK - 1u) {
-            vec4 m = block / float(BLOCK);
+        if (k == BATCH - 1u) {
+            vec4 m = block / float(BATCH);
             vec4 change = m - mean;
-            mean += change / float(s / BLOCK + 1u);
+            mean += change / float(s / BATCH + 1u);
             squares.rgb += change.rgb * (m.rgb - mean.rgb);
             block = vec4(0.0);
         }
