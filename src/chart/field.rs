@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Shares of a subject's time: until when its reference, its own ratio's candidates, and the other ratios may run.
-const UNTIL: [f64; 3] = [0.15, 0.45, 1.0];
+const UNTIL: [f64; 3] = [0.13, 0.4, 1.0];
 
 /// Candidates that are measured even when late: without them there is no chart.
 const FIRST: usize = 4;

@@ -2,14 +2,17 @@
 
 use super::candidates;
 use super::{Clock, FieldPoint, FramePoint, Level, Options, Shown, Subject, SubjectReport, median, pareto, seconds, timed};
-use crate::engine::{Engine, Field, Lit, Medium};
+use crate::engine::{Engine, Field, Lit, Medium, ReferenceSettings};
 use crate::error::Result;
-use crate::measure;
+use crate::measure::{self, flip};
 use crate::scene::visibility::{Filter, Method, Sampling};
 use crate::scene::{ImageSettings, Picture, Visibility};
 
 /// Shares of a subject's time: until when the dense field, the points, and the pairs of pictures may run.
-const UNTIL: [f64; 3] = [0.55, 0.72, 0.8];
+const UNTIL: [f64; 3] = [0.6, 0.75, 0.82];
+
+/// Relative standard error at which the reference picture is good enough: a tenth of what good frames are off by.
+const REFERENCE_ERROR: f64 = 0.005;
 
 /// Fields that are rendered even when late.
 const FIRST: usize = 2;
@@ -23,8 +26,8 @@ pub struct Truth {
     pub picture: Picture,
     /// How it was made.
     pub how: String,
-    /// The field whose four bands are as exact as was affordable.
-    pub dense: Field,
+    /// Its relative standard error.
+    pub error: f64,
 }
 
 /// One subject's frames.
@@ -80,8 +83,8 @@ impl<'a> Frames<'a> {
         ImageSettings { step: EXACT_STEP, ..self.image }
     }
 
-    /// The densest field that `allowed` seconds are predicted to allow, and the picture that others are judged against.
-    fn truth(&self, allowed: f64, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock) -> Result<Truth> {
+    /// The densest field that `allowed` seconds are predicted to allow, and what it is.
+    fn dense(&self, allowed: f64, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock) -> Result<(Field, String)> {
         let own = self.subject.ratio;
         let at = |method, ratio: u32, directions, step: f32| Visibility {
             method,
@@ -103,13 +106,26 @@ impl<'a> Frames<'a> {
         let fits = |v: &&Visibility| cost(v) <= allowed && crate::engine::precompute_memory(self.medium.grid(), v).0 <= 1 << 29;
         let v = list.iter().find(fits).unwrap_or(&list[4]);
         let (dense, _) = self.field(v, clock)?;
-        self.judge(dense, v, clock)
+        Ok((dense, format!("{} at 1:{}", candidates::name(v), v.ratio)))
     }
 
-    /// The picture that others are judged against: until a renderer without harmonics makes it, that of the dense field.
-    fn judge(&self, dense: Field, v: &Visibility, clock: &mut Clock) -> Result<Truth> {
-        let (picture, _) = self.picture(&self.lit(&dense, 4)?, &self.exact(), clock)?;
-        Ok(Truth { picture, how: format!("{} at 1:{}, four bands, steps of ½ voxel", candidates::name(v), v.ratio), dense })
+    /// The picture that others are judged against: single scattering without harmonics, in about `allowed` seconds.
+    fn judge(&self, allowed: f64, clock: &mut Clock) -> Result<(Picture, String, f64)> {
+        let settings = ReferenceSettings { error: REFERENCE_ERROR, seconds: Some(allowed.max(1.0)), ..ReferenceSettings::default() };
+        let s = self.subject;
+        let r = self.engine.render_reference(self.medium, &s.sky, &s.camera, &self.exact(), &settings, &mut |_, _| clock.tick())?;
+        let error = r.relative_error;
+        Ok((r.picture, format!("path-traced single scattering, {} samples a pixel, its own error {error:.4}", r.samples), error))
+    }
+
+    /// FLIP of what a viewer would see.
+    fn flip(&self, a: &Picture, b: &Picture) -> f64 {
+        let gain = self.image.exposure.exp2() as f32;
+        let shown = |p: &Picture| {
+            let rgba = p.rgba.iter().map(|&[r, g, b, a]| [r * gain, g * gain, b * gain, a]).collect();
+            Picture { rgba, ..*p }
+        };
+        flip::display(&shown(a), &shown(b)).map_or(f64::NAN, |f| f.mean)
     }
 }
 
@@ -135,12 +151,15 @@ fn fields(own: u32) -> Vec<Visibility> {
 
 /// Fills `report` with the frames of a subject; `cost` predicts a field's wall seconds.
 pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<Truth> {
-    let allowed = clock.left(UNTIL[0]);
-    let truth = frames.truth(allowed, cost, clock)?;
+    let (picture, how, error) = frames.judge(0.5 * clock.left(UNTIL[0]), clock)?;
+    let truth = Truth { picture, how, error };
+    let (dense, dense_name) = frames.dense(clock.left(UNTIL[0]), cost, clock)?;
     report.image_reference.clone_from(&truth.how);
+    report.image_reference_error = truth.error;
+    report.dense_field = dense_name;
     report.pixels = [frames.image.width, frames.image.height];
     for bands in 1..=4 {
-        let (picture, _) = frames.picture(&frames.lit(&truth.dense, bands)?, &frames.exact(), clock)?;
+        let (picture, _) = frames.picture(&frames.lit(&dense, bands)?, &frames.exact(), clock)?;
         if let Some(rmse) = measure::relative_rmse(&picture, &truth.picture).filter(|e| *e > 0.0) {
             report.levels.push(Level { bands: bands as u32, rmse });
         }
@@ -169,6 +188,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
                 seconds: frame,
                 spread,
                 rmse,
+                flip: frames.flip(&picture, &truth.picture),
                 front: false,
                 visibility: v.clone(),
             });

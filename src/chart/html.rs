@@ -156,10 +156,11 @@ fn tables(out: &mut String, s: &SubjectReport) {
             time(p.relight_seconds),
             time(p.seconds),
             format!("{:.4}", p.rmse),
+            format!("{:.4}", p.flip),
         ]
     });
     let note = format!("pictures of {}×{} pixels against {}", s.pixels[0], s.pixels[1], escape(&s.image_reference));
-    table(out, &["field of the frame", "viewing step", "field", "relight", "frame", "relative RMSE"], &note, frames);
+    table(out, &["field of the frame", "viewing step", "field", "relight", "frame", "relative RMSE", "FLIP"], &note, frames);
 }
 
 fn table(out: &mut String, head: &[&str], caption: &str, rows: impl Iterator<Item = Vec<String>>) {

@@ -19,7 +19,7 @@ mod svg;
 
 use crate::engine::{Engine, Progress};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, ImageSettings, Light, Matter, Picture, Visibility, Volume};
+use crate::scene::{Camera, ImageSettings, Light, Matter, Picture, Sky, Visibility, Volume};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -42,6 +42,8 @@ pub struct Subject {
     pub matter: Matter,
     /// Its light, as it meets visibility.
     pub light: Light,
+    /// The same light without harmonics: what the reference picture is lit by.
+    pub sky: Sky,
     /// Its camera.
     pub camera: Camera,
     /// Size and step of its pictures.
@@ -151,6 +153,8 @@ pub struct FramePoint {
     pub spread: Option<[f64; 2]>,
     /// Relative RMSE over the pixels that the volume covers.
     pub rmse: f64,
+    /// Mean FLIP of the pictures as they are shown, exposed and clamped.
+    pub flip: f64,
     /// On the Pareto front of time and error.
     pub front: bool,
     /// The field's settings.
@@ -211,6 +215,10 @@ pub struct SubjectReport {
     pub fields: Vec<FieldPoint>,
     /// What pictures are judged against.
     pub image_reference: String,
+    /// Its own relative standard error.
+    pub image_reference_error: f64,
+    /// The densest field that was affordable.
+    pub dense_field: String,
     /// Width and height of the pictures.
     pub pixels: [usize; 2],
     /// Frames.
@@ -281,6 +289,8 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
         references: Vec::new(),
         fields: Vec::new(),
         image_reference: String::new(),
+        image_reference_error: 0.0,
+        dense_field: String::new(),
         pixels: [0; 2],
         frames: Vec::new(),
         levels: Vec::new(),

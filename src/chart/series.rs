@@ -114,18 +114,19 @@ pub fn frame_error_svg(report: &Report) -> String {
             let varied = s.frames.iter().find(|p| p.step != 1.0).map(|p| p.visibility.clone());
             let mut chain: Vec<usize> = (0..s.frames.len()).filter(|&i| Some(&s.frames[i].visibility) == varied.as_ref()).collect();
             chain.sort_by(|&a, &b| s.frames[a].step.total_cmp(&s.frames[b].step));
-            let bands = |n| if n == 1 { "1 band".to_owned() } else { format!("{n} bands") };
             Panel {
-                title: format!("{}, {}x{} pixels, against {}", s.name, s.pixels[0], s.pixels[1], s.image_reference),
+                title: format!("{}, {}×{} pixels; dense field: {}", s.name, s.pixels[0], s.pixels[1], s.dense_field),
                 marks: s.frames.iter().map(frame_mark).collect(),
-                levels: s.levels.iter().map(|l| (l.rmse, format!("dense field, {}: {}", bands(l.bands), plot::number(l.rmse)))).collect(),
+                levels: levels(s),
                 chains: vec![chain],
             }
         })
         .collect();
     plot::draw(&Chart {
         title: "Image error against frame time".into(),
-        subtitle: "relative RMSE over covered pixels; dashed: what no finer field of so many spherical-harmonic bands removes".into(),
+        subtitle:
+            "relative RMSE over covered pixels, against path-traced single scattering; dashed: the dense field seen through so many bands"
+                .into(),
         x: "device time of the frame, ms".into(),
         y: "relative RMSE".into(),
         styles: styles(),
@@ -133,4 +134,16 @@ pub fn frame_error_svg(report: &Report) -> String {
         panels,
         columns: 1,
     })
+}
+
+/// Dashed lines: each number of bands, and the reference picture's own noise where it is near.
+fn levels(s: &SubjectReport) -> Vec<(f64, String)> {
+    let bands = |n| if n == 1 { "1 band".to_owned() } else { format!("{n} bands") };
+    let mut levels: Vec<(f64, String)> =
+        s.levels.iter().map(|l| (l.rmse, format!("dense field, {}: {}", bands(l.bands), plot::number(l.rmse)))).collect();
+    let least = s.frames.iter().map(|p| p.rmse).fold(f64::INFINITY, f64::min);
+    if s.image_reference_error > 0.2 * least {
+        levels.push((s.image_reference_error, format!("noise of the reference: {}", plot::number(s.image_reference_error))));
+    }
+    levels
 }

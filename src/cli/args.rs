@@ -314,14 +314,6 @@ fn heading(table: &str) -> &'static str {
     }
 }
 
-/// Seconds above 0.
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(s) if s > 0.0 && s <= 1e7 => Ok(s),
-        _ => Err("it must be a number of seconds above 0".into()),
-    }
-}
-
 /// "512M", "1.5GiB", "1000000": bytes; K, M, G, T count in 1024s.
 fn parse_bytes(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());

@@ -11,7 +11,7 @@ use clap::ArgMatches;
 use halflight::chart::{self, Options, Subject};
 use halflight::error::shown;
 use halflight::record::Machine;
-use halflight::scene::{ImageSettings, Light, Probe};
+use halflight::scene::{ImageSettings, Light, Probe, Sky};
 use halflight::{Error, demo, io};
 use serde_json::json;
 use std::io::Write;
@@ -102,6 +102,7 @@ fn subject(path: &Path, given: &[(String, String)], bar: &Progress) -> Result<Su
         volume: loaded.volume,
         matter: loaded.matter,
         light: loaded.light,
+        sky: Sky::from_settings(&scene.light, loaded.probe.as_ref())?,
         camera: loaded.camera,
         image: scene.image,
         ratio: scene.visibility.ratio,
@@ -116,6 +117,7 @@ fn built_in() -> Result<Subject, Failure> {
         name: "demo".into(),
         matter: demo::dvr()?,
         light: Light::from_probe(&Probe::two_colored()),
+        sky: Sky::from_probe(&Probe::two_colored()),
         camera,
         image: ImageSettings { width: 640, height: 480, exposure: demo::EXPOSURES[0], ..ImageSettings::default() },
         ratio: demo::visibility(false).ratio,
