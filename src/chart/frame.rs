@@ -14,6 +14,9 @@ const UNTIL: [f64; 3] = [0.6, 0.75, 0.82];
 /// Relative standard error at which the reference picture is good enough: a tenth of what good frames are off by.
 const REFERENCE_ERROR: f64 = 0.005;
 
+/// Share of a subject's time that its reference picture gets even when late.
+const SURE: f64 = 0.1;
+
 /// Fields that are rendered even when late.
 const FIRST: usize = 2;
 
@@ -118,6 +121,12 @@ impl<'a> Frames<'a> {
         Ok((r.picture, format!("path-traced single scattering, {} samples a pixel, its own error {error:.4}", r.samples), error))
     }
 
+    /// Relative RMSE against the truth, whose own noise, independent of any picture's error, is taken off in quadrature.
+    fn rmse(&self, picture: &Picture, truth: &Truth) -> Option<f64> {
+        let raw = measure::relative_rmse(picture, &truth.picture)?;
+        Some((raw * raw - truth.error * truth.error).max(0.0).sqrt())
+    }
+
     /// FLIP of what a viewer would see.
     fn flip(&self, a: &Picture, b: &Picture) -> f64 {
         let gain = self.image.exposure.exp2() as f32;
@@ -151,7 +160,7 @@ fn fields(own: u32) -> Vec<Visibility> {
 
 /// Fills `report` with the frames of a subject; `cost` predicts a field's wall seconds.
 pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<Truth> {
-    let (picture, how, error) = frames.judge(0.5 * clock.left(UNTIL[0]), clock)?;
+    let (picture, how, error) = frames.judge((0.5 * clock.left(UNTIL[0])).max(SURE * clock.share), clock)?;
     let truth = Truth { picture, how, error };
     let (dense, dense_name) = frames.dense(clock.left(UNTIL[0]), cost, clock)?;
     report.image_reference.clone_from(&truth.how);
@@ -160,7 +169,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
     report.pixels = [frames.image.width, frames.image.height];
     for bands in 1..=4 {
         let (picture, _) = frames.picture(&frames.lit(&dense, bands)?, &frames.exact(), clock)?;
-        if let Some(rmse) = measure::relative_rmse(&picture, &truth.picture).filter(|e| *e > 0.0) {
+        if let Some(rmse) = frames.rmse(&picture, &truth).filter(|e| *e > 0.0) {
             report.levels.push(Level { bands: bands as u32, rmse });
         }
     }
@@ -178,7 +187,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
             let image = ImageSettings { step, ..frames.image };
             let (picture, runs) = frames.frame(&lit, &image, clock)?;
             let (frame, spread) = median(runs);
-            let Some(rmse) = measure::relative_rmse(&picture, &truth.picture) else { continue };
+            let Some(rmse) = frames.rmse(&picture, &truth) else { continue };
             report.frames.push(FramePoint {
                 name: format!("{} at 1:{}", candidates::name(&v), v.ratio),
                 ratio: v.ratio,
@@ -228,7 +237,7 @@ fn nearest<'p>(points: &'p [FieldPoint], ratio: u32, most: f64, key: impl Fn(&Fi
 pub fn pairs(frames: &Frames, truth: &Truth, clock: &mut Clock, report: &mut SubjectReport) -> Result<Vec<Shown>> {
     let mut shown = vec![Shown { group: "Reference".into(), title: truth.how.clone(), picture: truth.picture.clone(), difference: None }];
     for (group, by_time) in [("At about equal time", true), ("At about equal error", false)] {
-        let most = 0.4 * clock.left(UNTIL[2]);
+        let most = (0.4 * clock.left(UNTIL[2])).max(0.3 * SURE * clock.share);
         let found = nearest(&report.fields, frames.subject.ratio, most, |p| if by_time { p.seconds } else { p.error });
         let Some(pair) = found else {
             report.left_out.push(format!("pictures: {}", group.to_lowercase()));
@@ -239,7 +248,7 @@ pub fn pairs(frames: &Frames, truth: &Truth, clock: &mut Clock, report: &mut Sub
             let v = Visibility { bits: 8, ..point.visibility.clone() };
             let (field, seconds) = frames.field(&v, clock)?;
             let (picture, _) = frames.picture(&frames.lit(&field, 4)?, &frames.exact(), clock)?;
-            let rmse = measure::relative_rmse(&picture, &truth.picture).unwrap_or(0.0);
+            let rmse = frames.rmse(&picture, truth).unwrap_or(0.0);
             let title = format!("{}: field {seconds:.2} s, field error {:.3}, image relative RMSE {rmse:.4}", point.name, point.error);
             shown.push(Shown { group: group.into(), title, difference: Some(difference(&picture, &truth.picture)), picture });
         }

@@ -20,6 +20,7 @@ mod svg;
 use crate::engine::{Engine, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, ImageSettings, Light, Matter, Picture, Sky, Visibility, Volume};
+use crate::stability::Bound;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -151,7 +152,7 @@ pub struct FramePoint {
     pub seconds: f64,
     /// Least and most of the three.
     pub spread: Option<[f64; 2]>,
-    /// Relative RMSE over the pixels that the volume covers.
+    /// Relative RMSE over the pixels that the volume covers, the reference's own noise taken off in quadrature.
     pub rmse: f64,
     /// Mean FLIP of the pictures as they are shown, exposed and clamped.
     pub flip: f64,
@@ -167,7 +168,7 @@ pub struct FramePoint {
 pub struct Level {
     /// Bands of the light.
     pub bands: u32,
-    /// Relative RMSE against the reference picture.
+    /// Relative RMSE against the reference picture, as a frame's.
     pub rmse: f64,
 }
 
@@ -308,6 +309,25 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
     savings::measure(&frames, &cost, clock, &mut report)?;
     field::others(&fields, &costs, clock, &mut report)?;
     Ok(report)
+}
+
+/// The table of scenes that are made to break estimators ([`crate::stability`]); about a minute on two cores.
+///
+/// # Errors
+/// As [`crate::stability::run`].
+pub fn stability(engine: &Engine, progress: &mut Progress) -> Result<Vec<StabilityRow>> {
+    let verdict = |row: &crate::stability::Row| match (row.holds(), row.bound) {
+        (true, Bound::Fails(..)) => format!("documented failure ({})", row.why),
+        (true, bound) => format!("holds {bound} ({})", row.why),
+        (false, bound) => format!("BREAKS {bound} ({})", row.why),
+    };
+    let row = |row: &crate::stability::Row| StabilityRow {
+        method: row.method.clone(),
+        case: row.case.into(),
+        error: format!("{}: {:.3e}", row.what, row.value),
+        verdict: verdict(row),
+    };
+    Ok(crate::stability::run(engine, progress)?.iter().map(row).collect())
 }
 
 /// A subject's share of the time. Shares of the share end one after the other, as fractions of it.

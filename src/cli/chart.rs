@@ -17,6 +17,9 @@ use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Seconds kept for the table of hard scenes.
+const HARD_SECONDS: f64 = 90.0;
+
 /// `halflight chart [SCENE…] -o DIR [--quick] [--budget SECONDS]`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
@@ -30,7 +33,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let base = if m.get_flag("quick") { Options::QUICK } else { Options::FULL };
     let options = Options { seconds: m.get_one::<f64>("budget").copied().unwrap_or(base.seconds), ..base };
 
-    let bar = Progress::new(&[load::READ, "measure", "draw"]);
+    let bar = Progress::new(&[load::READ, "measure", "hard scenes", "draw"]);
     let mut subjects = Vec::new();
     for path in &scenes {
         subjects.push(subject(path, &given, &bar)?);
@@ -46,7 +49,14 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 
     bar.plan(&[("measure", 1.0)]);
     bar.enter("measure");
-    let charted = chart::run(&engine, &subjects, &options, &mut bar.job())?;
+    // The table of hard scenes takes about a minute: only where that is little.
+    let hard = options.seconds >= 300.0;
+    let measured = Options { seconds: if hard { options.seconds - HARD_SECONDS } else { options.seconds }, ..options };
+    let mut charted = chart::run(&engine, &subjects, &measured, &mut bar.job())?;
+    if hard {
+        bar.enter("hard scenes");
+        charted.stability = chart::stability(&engine, &mut bar.job())?;
+    }
     bar.enter("draw");
     let machine = Machine::of(engine.device());
     let object = json!({ "machine": machine, "report": charted });
