@@ -99,11 +99,12 @@ impl<'a> Frames<'a> {
             ..Visibility::default()
         };
         let finer = (own / 2).max(1);
+        // A finer grid before more directions: beside thin matter the grid is what shows.
         let list = [
-            at(Method::March, finer, 1024, 0.5),
-            at(Method::March, own, 1024, 0.5),
-            at(Method::March, own, 400, 1.0),
-            at(Method::Sweep, finer, 512, 1.0),
+            at(Method::March, 1, 400, 1.0),
+            at(Method::Sweep, 1, 256, 1.0),
+            at(Method::March, finer, 400, 1.0),
+            at(Method::Sweep, finer, 256, 1.0),
             at(Method::Sweep, own, 256, 1.0),
         ];
         let fits = |v: &&Visibility| cost(v) <= allowed && crate::engine::precompute_memory(self.medium.grid(), v).0 <= 1 << 29;
@@ -213,7 +214,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
 
 /// The two measured fields, one of the pyramid and one swept, that are nearest in `key` and whose pictures are still
 /// affordable.
-fn nearest<'p>(points: &'p [FieldPoint], ratio: u32, most: f64, key: impl Fn(&FieldPoint) -> f64) -> Option<[&'p FieldPoint; 2]> {
+fn nearest(points: &[FieldPoint], ratio: u32, most: f64, key: impl Fn(&FieldPoint) -> f64) -> Option<[&FieldPoint; 2]> {
     let of = |method| {
         points.iter().filter(move |p| {
             let v = &p.visibility;

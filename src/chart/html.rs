@@ -71,8 +71,9 @@ const FIELD_TEXT: &str = "How far the coefficients of each estimator are from th
     against the device time of the whole field. Bars are 95 % intervals (bootstrap over cells). Fewer directions are faster, and only so \
     far worse: what stays is the estimator’s bias.";
 
-const IMAGE_TEXT: &str = "How far pictures are from the reference picture, against the device time of a frame; the field is computed once \
-    and is not in it. A dashed line is the densest field seen through so many bands: below it only more bands lead.";
+const IMAGE_TEXT: &str = "How far pictures are from the reference picture (path-traced single scattering without harmonics, its own noise \
+    taken off in quadrature), against the device time of a frame; the field is computed once and is not in it. A dashed line is the \
+    densest field that the time allowed, seen through so many bands: below it only more bands or a still finer field lead.";
 
 const PAIR_TEXT: &str = "Ritschel’s pyramid and the sweep at about the same time, and at about the same error; below each picture its \
     difference from the reference, dark for none, yellow for half of the mean radiance or more.";

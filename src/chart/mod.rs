@@ -66,10 +66,10 @@ pub struct Options {
 
 impl Options {
     /// Under ten minutes on two cores.
-    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 640 * 480 };
+    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 320 * 240 };
 
     /// Under one minute on two cores.
-    pub const QUICK: Self = Self { seconds: 48.0, probes: 192, pixels: 240 * 180 };
+    pub const QUICK: Self = Self { seconds: 48.0, probes: 192, pixels: 160 * 120 };
 }
 
 /// Where a time comes from.

@@ -289,7 +289,8 @@ fn content(svg: &mut Svg, chart: &Chart, panel: &Panel, area: &Area) {
                 svg.line([x - 3.0, area.y.at(end)], [x + 3.0, area.y.at(end)], color, 1.1, "");
             }
         }
-        taken.push([x - 6.0, y - 6.0, x + 6.0, y + 6.0]);
+        let bar = m.interval.map_or([y, y], |[lo, hi]| [area.y.at(hi), area.y.at(lo)]);
+        taken.push([x - 6.0, bar[0].min(y - 6.0), x + 6.0, bar[1].max(y + 6.0)]);
     }
     for m in &panel.marks {
         if let Some(style) = chart.styles.get(m.style) {

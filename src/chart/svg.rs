@@ -54,6 +54,9 @@ impl Svg {
 
     /// Through all points.
     pub fn polyline(&mut self, points: &[[f64; 2]], (class, color): (&str, &str), width: f64) {
+        if points.len() < 2 {
+            return;
+        }
         let points: Vec<String> = points.iter().map(|p| format!("{:.1},{:.1}", p[0], p[1])).collect();
         let _ = writeln!(
             self.body,
