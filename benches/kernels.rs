@@ -10,13 +10,16 @@
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput, criterion_group, criterion_main, measurement::WallTime};
 use halflight::demo;
 use halflight::engine::{Engine, Lit, Medium, Options, Reference, ReferenceSettings};
+use halflight::record::Record;
 use halflight::scene::transfer::{Kind, Reference, Table};
 use halflight::scene::visibility::Method;
 use halflight::scene::{Camera, ImageSettings, Light, Matter, Picture, Probe, Shading, Sky, Surface, Transfer, Visibility, Volume};
 use halflight::stages::directions::Directions;
 use halflight::stages::raymarch::View;
 use halflight::stages::{classify, hierarchical, isosurface, majorant, march, minify, pack, raymarch, relight, sweep, trace, twin};
+use std::cell::RefCell;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Voxels along the demo volume's longer sides.
@@ -50,6 +53,8 @@ struct Bench {
     camera: Camera,
     view: View,
     timed: bool,
+    /// What is written into benches/records.
+    record: RefCell<Record>,
 }
 
 impl Bench {
@@ -66,7 +71,8 @@ impl Bench {
         engine.read_pyramid(&dvr, &Visibility::default()).expect("pyramid");
         let timed = engine.take_timings().iter().all(|s| s.timed);
         let light = Light::from_probe(&Probe::two_colored());
-        Self { engine, volume, table, dvr, iso, light, camera, view, timed }
+        let record = RefCell::new(Record::new("kernels", engine.device()));
+        Self { engine, volume, table, dvr, iso, light, camera, view, timed, record }
     }
 
     fn settings(&self, method: Method) -> Visibility {
@@ -108,6 +114,7 @@ impl Bench {
     /// Times `call`: device seconds of `kernels` (all where none is named), or wall seconds.
     fn time(&self, group: &mut BenchmarkGroup<'_, WallTime>, device: bool, kernels: &[&str], name: &str, elements: usize, call: impl Fn()) {
         group.throughput(Throughput::Elements(elements as u64));
+        let mut runs = Vec::new();
         group.bench_function(name, |b| {
             b.iter_custom(|iterations| {
                 self.engine.take_timings();
@@ -116,14 +123,21 @@ impl Bench {
                     call();
                 }
                 if !(device && self.timed) {
-                    return start.elapsed();
+                    let wall = start.elapsed();
+                    runs.push(wall.as_secs_f64() / iterations as f64);
+                    return wall;
                 }
                 let spans = self.engine.take_timings();
                 let seconds: f64 = spans.iter().filter(|s| kernels.is_empty() || kernels.contains(&s.kernel)).map(|s| s.seconds).sum();
                 assert!(seconds > 0.0, "{name}: no time was measured among {spans:?}");
+                runs.push(seconds / iterations as f64);
                 Duration::from_secs_f64(seconds)
             });
         });
+        // The first run warms up.
+        let runs = if runs.len() > 1 { runs.split_off(1) } else { runs };
+        let what = if device && self.timed { "device" } else { "wall" };
+        self.record.borrow_mut().add(format!("{name}: {what} time of {elements}"), "s", runs);
     }
 }
 
@@ -361,6 +375,13 @@ fn benches(c: &mut Criterion) {
     b.time(&mut group, false, &[], "precompute, cells x directions", rays, || precompute(&hierarchical));
     b.time(&mut group, false, &[], "frame, pixels", pixels, frame);
     group.finish();
+
+    // `cargo bench` says --bench; a test run leaves nothing behind.
+    let record = b.record.borrow();
+    if std::env::args().any(|a| a == "--bench") && !record.figures.is_empty() {
+        let path = record.write(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/records"))).expect("a record");
+        println!("wrote {}", path.display());
+    }
 }
 
 criterion_group!(all, benches);

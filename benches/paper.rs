@@ -5,8 +5,9 @@
 //! `cargo bench --bench paper -- VOLUME [--iso VALUE] [--ratios 8,4,2,1] [--limit SECONDS] [--json FILE]` or
 //! `... VOLUME --frames N` for the frame rate of a turning camera. Without VOLUME: something short on the demo volume.
 
-use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium, Options};
+use halflight::engine::{DeviceInfo, DeviceVolume, Engine, Field, Lit, Medium, Options};
 use halflight::io::{ReadOptions, read_volume};
+use halflight::record::Record;
 use halflight::scene::grid::glam::{DMat3, DVec3};
 use halflight::scene::transfer::{Kind, Reference};
 use halflight::scene::visibility::{Method, Sampling};
@@ -338,6 +339,23 @@ fn turn(scene: &Scene, count: u32) -> Result<Value, Failure> {
     }))
 }
 
+/// Every time of the result, by row and key.
+fn record(device: &DeviceInfo, volume: &str, result: &Value) -> Record {
+    let mut record = Record::new("paper", device);
+    let rows = result.as_array().cloned().unwrap_or_else(|| vec![result.clone()]);
+    for row in rows.iter().filter_map(Value::as_object) {
+        let matter = row.get("matter").and_then(Value::as_str).unwrap_or("DVR");
+        let ratio = row.get("ratio").and_then(Value::as_u64).unwrap_or(4);
+        for (key, value) in row {
+            let unit = if key.ends_with("_ms") { "ms" } else { "s" };
+            if let (Some(value), true) = (value.as_f64(), key.ends_with("_s") || key.ends_with("_ms")) {
+                record.add(format!("{volume}, {matter}, 1:{ratio}, {key}"), unit, vec![value]);
+            }
+        }
+    }
+    record
+}
+
 fn run() -> Result<(), Failure> {
     let Some(mut a) = arguments()? else { return Ok(()) };
     let (name, volume, size, repeats) = match &a.volume {
@@ -370,6 +388,10 @@ fn run() -> Result<(), Failure> {
         Some(count) => turn(&scene, count)?,
         None => Value::Array(table(&scene, &a)?),
     };
+    if !a.test {
+        let path = record(info, &name, &result).write(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/records")))?;
+        println!("wrote {}", path.display());
+    }
     if let Some(path) = &a.json {
         let text = json!({
             "halflight": env!("CARGO_PKG_VERSION"), "device": info.name, "driver": info.driver, "cores": cores,

@@ -64,7 +64,7 @@ layout(push_constant) uniform Params {
 #include "hit.glsl"
 
 const uint STRATA = 4;
-const uint BLOCK_SAMPLES = STRATA * STRATA;
+const uint BATCH = STRATA * STRATA;
 const float TENTATIVE = 8.0; // collisions that a viewing ray through matter meets at least, on average: less noise in haze
 const float ROULETTE = 0.1; // transmittance below which a ray goes on by chance
 
@@ -113,68 +113,69 @@ vec2 matter_span(vec3 p, vec3 d, vec2 span) {
         float boundary = min(walk_boundary(w), span.y);
         if (texelFetch(majorants, w.cell, 0).r > 0.0) inner = vec2(min(inner.x, t), boundary);
         t = boundary;
-        if (boundary >= span.y || !walk_on(w, cells)) return inner;
+        if (boundary >= span.y || !walk_on(w, cells)) break;
     }
     return inner;
 }
 
-// On to the next tentative collision, `depth` of majorant (at least `least` where there is matter) further; false where
-// the ray ends before. A loop of its own: neighbouring rays wait for each other's crossings, not also for their taps.
-bool tentative(inout Walk w, inout float t, float end, float least, float depth, out float bound) {
-    ivec3 cells = textureSize(majorants, 0);
-    for (; events < most_events; events++) {
-        bound = texelFetch(majorants, w.cell, 0).r;
-        if (bound > 0.0) bound = max(bound, least);
-        float boundary = min(walk_boundary(w), end);
-        float ahead = bound * (boundary - t);
-        if (ahead > depth) {
-            t += depth / bound;
-            return true;
-        }
-        depth -= max(ahead, 0.0);
-        t = boundary;
-        if (boundary >= end || !walk_on(w, cells)) return false;
-    }
-    return false;
-}
-
 // The integral of T sigma_t along the viewing ray, and a place drawn in proportion to it; transmittance in `through`.
 float scatter(vec3 p, vec3 d, vec2 span, float least, out float place, out float through) {
+    ivec3 cells = textureSize(majorants, 0);
     vec3 scale3 = 1.0 / vec3(textureSize(volume, 0));
-    Walk w = walk_from(p, d, span.x, textureSize(majorants, 0));
+    Walk w = walk_from(p, d, span.x, cells);
     float t = span.x;
-    float depth = -log(1.0 - draw(key).x);
-    float bound;
+    float depth = -log(1.0 - draw(key).x); // to the next tentative collision
     float sum = 0.0;
     place = 0.0;
     through = 1.0;
-    while (through > 0.0 && tentative(w, t, span.y, least, depth, bound)) {
-        events++;
-        vec2 u = draw(key);
-        depth = -log(1.0 - u.x);
-        float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
-        float weight = through * share;
-        sum += weight;
-        if (u.y * sum < weight) place = t;
-        through = roulette(through - weight);
+    for (; events < most_events; events++) {
+        float bound = texelFetch(majorants, w.cell, 0).r;
+        if (bound > 0.0) bound = max(bound, least);
+        float boundary = min(walk_boundary(w), span.y);
+        float ahead = bound * (boundary - t);
+        if (ahead > depth) {
+            t += depth / bound;
+            vec2 u = draw(key);
+            depth = -log(1.0 - u.x);
+            float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
+            float weight = through * share;
+            sum += weight;
+            if (u.y * sum < weight) place = t;
+            through = roulette(through - weight);
+            if (through <= 0.0) break;
+        } else {
+            depth -= max(ahead, 0.0);
+            t = boundary;
+            if (boundary >= span.y || !walk_on(w, cells)) break;
+        }
     }
     return sum;
 }
 
 // Transmittance from p along d to the end of the volume, unbiased.
 float transmittance(vec3 p, vec3 d, vec3 dims) {
+    ivec3 cells = textureSize(majorants, 0);
     vec3 scale3 = 1.0 / dims;
     float end = box_span(p, d, dims).y;
-    Walk w = walk_from(p, d, 0.0, textureSize(majorants, 0));
+    Walk w = walk_from(p, d, 0.0, cells);
     float t = 0.0;
     float depth = -log(1.0 - draw(key).x);
-    float bound;
     float through = 1.0;
-    while (through > 0.0 && tentative(w, t, end, 0.0, depth, bound)) {
-        events++;
-        depth = -log(1.0 - draw(key).x);
-        float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
-        through = roulette(through * (1.0 - share));
+    for (; events < most_events; events++) {
+        float bound = texelFetch(majorants, w.cell, 0).r;
+        float boundary = min(walk_boundary(w), end);
+        float ahead = bound * (boundary - t);
+        if (ahead > depth) {
+            t += depth / bound;
+            depth = -log(1.0 - draw(key).x);
+            float share = min(extinction(textureLod(volume, (p + d * t) * scale3, 0.0).r) / bound, 1.0);
+            through = roulette(through * (1.0 - share));
+            if (through <= 0.0) break;
+        } else {
+            depth -= max(ahead, 0.0);
+            t = boundary;
+            if (boundary >= end || !walk_on(w, cells)) break;
+        }
     }
     return through;
 }
@@ -193,7 +194,7 @@ float unshadowed(vec3 p, vec3 d, vec3 dims) {
         float boundary = min(walk_boundary(w), span.y);
         if (t >= boundary || texelFetch(majorants, w.cell, 0).r <= 0.0) {
             i = max(i, ceil((boundary - first) / shadow_step));
-            if (boundary >= span.y || !walk_on(w, cells)) return 1.0;
+            if (boundary >= span.y || !walk_on(w, cells)) break;
         } else {
             if (above((p + d * t) * scale3) >= 0.0) return 0.0;
             i += 1.0;
@@ -240,7 +241,7 @@ void main() {
         key.y = s;
         key.z = seed;
         vec2 jitter = draw(key);
-        uint k = s % BLOCK_SAMPLES;
+        uint k = s % BATCH;
         vec2 u = min((vec2(k % STRATA, k / STRATA) + jitter) / float(STRATA), vec2(0.99999994));
         vec3 weight;
         vec3 toward = sample_sky(u, weight);
@@ -262,10 +263,10 @@ void main() {
             if (lobe > 0.0) block.rgb += lobe * unshadowed(start, w, dims) * surface_albedo.rgb * weight * scale;
             block.a += 1.0;
         }
-        if (k == BLOCK_SAMPLES - 1u) {
-            vec4 m = block / float(BLOCK_SAMPLES);
+        if (k == BATCH - 1u) {
+            vec4 m = block / float(BATCH);
             vec4 change = m - mean;
-            mean += change / float(s / BLOCK_SAMPLES + 1u);
+            mean += change / float(s / BATCH + 1u);
             squares.rgb += change.rgb * (m.rgb - mean.rgb);
             block = vec4(0.0);
         }

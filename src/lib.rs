@@ -47,12 +47,15 @@
 #![warn(missing_docs)]
 
 mod aside;
+#[cfg(feature = "chart")]
+pub mod chart;
 pub mod demo;
 pub mod engine;
 pub mod error;
 pub mod io;
 pub mod kernels;
 pub mod measure;
+pub mod record;
 pub mod scene;
 pub mod stability;
 pub mod stages;

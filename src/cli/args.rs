@@ -16,6 +16,9 @@ pub const OF_VOLUME: &[&str] = &["volume"];
 /// All of a scene.
 pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "light", "visibility", "camera", "image"];
 
+/// What a chart uses: the estimators' own settings are what it varies.
+pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
+
 /// What a reference picture depends on.
 pub const OF_REFERENCE: &[&str] =
     &["volume", "transfer", "surface", "light.probe", "light.constant", "light.rotate", "light.scale", "camera", "image"];
@@ -71,6 +74,26 @@ pub fn command() -> Command {
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
                 .args(reference())
                 .args(scene_args(OF_SCENE))
+                .arg(nan_as()),
+        )
+        .subcommand(
+            Command::new("chart")
+                .about("Chart speed against accuracy of every estimator on your scenes: a folder with report.html")
+                .arg(
+                    path("scenes", "SCENE", "scene files (.toml), or volumes to show with default settings; none: a built-in scene")
+                        .num_args(0..),
+                )
+                .arg(path("out", "DIR", "where the report goes").short('o').long("out").required(true))
+                .arg(Arg::new("quick").long("quick").action(ArgAction::SetTrue).help("under a minute: fewer settings, fewer probes"))
+                .arg(
+                    Arg::new("budget")
+                        .long("budget")
+                        .value_name("SECONDS")
+                        .value_parser(parse_seconds)
+                        .help("time for all scenes together (default: 540, with --quick 48)"),
+                )
+                .arg(path("record", "DIR", "also write a record of the run there, named by date and device").long("record"))
+                .args(scene_args(OF_CHART))
                 .arg(nan_as()),
         )
         .subcommand(

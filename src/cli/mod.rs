@@ -1,6 +1,7 @@
 //! The `halflight` command: reads the command line, calls the engine, says what was done.
 
 mod args;
+mod chart;
 mod compare;
 mod demo;
 mod fail;
@@ -76,7 +77,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
             return Err(Failure::usage(
-                "a command is missing: demo, info, light, precompute, render, compare or devices; see halflight --help",
+                "a command is missing: demo, info, light, precompute, render, compare, chart or devices; see halflight --help",
             ));
         }
         Err(e) => return Err(e.into()),
@@ -98,6 +99,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         "light" => light::run(&context, m),
         "precompute" => precompute::run(&context, m),
         "render" => render::render(&context, m),
+        "chart" => chart::run(&context, m),
         _ => devices(&context),
     }
 }

@@ -1,0 +1,173 @@
+//! What each saving brings: the same work with and without it, and how far the picture moves.
+
+use super::frame::Frames;
+use super::svg::{Anchor, GRID, INK, MUTED, Svg};
+use super::{Clock, Report, Saving, SubjectReport, median, plot, seconds, timed};
+use crate::engine::Field;
+use crate::error::Result;
+use crate::measure;
+use crate::scene::visibility::Method;
+use crate::scene::{ImageSettings, Picture, Visibility};
+
+/// One row before it is measured.
+struct Row {
+    name: String,
+    of: &'static str,
+    before: Variant,
+    after: Variant,
+}
+
+/// A field and the picture of it.
+#[derive(Clone, PartialEq)]
+struct Variant {
+    field: Visibility,
+    image: ImageSettings,
+}
+
+/// The savings that are shown; a new one is a new row.
+fn rows(ratio: u32, image: &ImageSettings) -> Vec<Row> {
+    let base = Visibility { method: Method::Sweep, ratio, directions: 128, near: 2, step: 2.0, ..Visibility::default() };
+    let full = Variant { field: base.clone(), image: *image };
+    let bands = |bands| Variant { field: Visibility { bands, ..base.clone() }, image: *image };
+    let bits = |bits| Variant { field: Visibility { bits, ..base.clone() }, image: *image };
+    let unskipped = Variant { field: base.clone(), image: ImageSettings { skip: false, ..*image } };
+    let skipped = Variant { field: base.clone(), image: ImageSettings { skip: true, ..*image } };
+    let row = |name: String, of, before: &Variant, after: Variant| Row { name, of, before: before.clone(), after };
+    let mut rows = vec![
+        row("leaping over empty blocks".into(), "frame", &unskipped, skipped),
+        row("4 bands → 3".into(), "field", &full, bands(3)),
+        row("4 bands → 2".into(), "field", &full, bands(2)),
+        row("32 bits → 8".into(), "relight", &bits(32), full.clone()),
+        row(
+            "one step of viewing rays a voxel → every second".into(),
+            "frame",
+            &full,
+            Variant { image: ImageSettings { step: 2.0 * image.step, ..*image }, ..full.clone() },
+        ),
+    ];
+    if ratio > 1 {
+        let finer = Variant { field: Visibility { ratio: ratio / 2, ..base.clone() }, image: *image };
+        rows.push(row(format!("cells of 1:{} → 1:{ratio}", ratio / 2), "field", &finer, full.clone()));
+    }
+    rows
+}
+
+/// Share of a subject's time until when they may run.
+const UNTIL: f64 = 0.92;
+
+/// Runs of each side, in turns, where there is time for them.
+const ROUNDS: usize = 3;
+
+/// Fills `report` with the savings that its time still allows.
+pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
+    for row in rows(frames.subject.ratio, &frames.image) {
+        let once: f64 = [&row.before, &row.after].map(|v| cost(&v.field)).iter().sum();
+        let rounds = if row.of != "field" || ROUNDS as f64 * once < 0.25 * clock.left(UNTIL) { ROUNDS } else { 1 };
+        if once > clock.left(UNTIL) {
+            report.left_out.push(format!("saving: {}", row.name));
+            continue;
+        }
+        // Both sides in turns: what else the machine does falls on both.
+        let mut runs = [Vec::new(), Vec::new()];
+        let mut fields: [Option<Field>; 2] = [None, None];
+        let mut pictures: [Option<Picture>; 2] = [None, None];
+        for _ in 0..rounds {
+            for (side, variant) in [&row.before, &row.after].into_iter().enumerate() {
+                clock.check()?;
+                let (field, field_seconds) = match fields[side].take().filter(|_| row.of != "field") {
+                    Some(field) => (field, 0.0),
+                    None => frames.field(&variant.field, clock)?,
+                };
+                let (lit, relight) = timed(frames.engine, || frames.lit(&field, 4))?;
+                let (picture, frame) = match pictures[side].take().filter(|_| row.of != "frame") {
+                    Some(picture) => (picture, 0.0),
+                    None => frames.picture(&lit, &variant.image, clock)?,
+                };
+                runs[side].push(match row.of {
+                    "field" => field_seconds,
+                    "relight" => seconds(&relight),
+                    _ => frame,
+                });
+                (fields[side], pictures[side]) = (Some(field), Some(picture));
+            }
+        }
+        let [before, after] = runs.map(|r| median(r).0);
+        if let [Some(a), Some(b)] = &pictures {
+            let rmse = measure::relative_rmse(b, a).unwrap_or(0.0);
+            report.savings.push(Saving { name: row.name, of: row.of, before, after, rounds, rmse });
+        }
+    }
+    Ok(())
+}
+
+/// Before and after as bars, each pair scaled to its longer bar.
+pub fn savings_svg(report: &Report) -> String {
+    const WIDTH: f64 = 1080.0;
+    const ROW: f64 = 46.0;
+    let (left, right) = (400.0, WIDTH - 190.0);
+    let rows: usize = report.subjects.iter().map(|s| s.savings.len()).sum();
+    let titles = report.subjects.iter().filter(|s| !s.savings.is_empty()).count();
+    let mut svg = Svg::new(WIDTH, 84.0 + ROW * rows as f64 + 30.0 * titles as f64);
+    svg.text([18.0, 27.0], 17.0, Anchor::Start, INK, "What each saving brings");
+    let subtitle =
+        "device time without it (grey) and with it (green), each pair to its own scale; right: how far the picture moves, as relative RMSE";
+    svg.text([18.0, 47.0], 12.0, Anchor::Start, MUTED, subtitle);
+    let mut y = 60.0;
+    for s in report.subjects.iter().filter(|s| !s.savings.is_empty()) {
+        y += 20.0;
+        svg.text([18.0, y], 13.0, Anchor::Start, INK, &s.name);
+        y += 10.0;
+        for saving in &s.savings {
+            let longest = saving.before.max(saving.after).max(1e-12);
+            svg.line([18.0, y], [WIDTH - 18.0, y], GRID, 1.0, "");
+            svg.text([left - 14.0, y + 27.0], 12.0, Anchor::End, INK, &format!("{}, {}", saving.of, saving.name));
+            for (i, (value, style)) in
+                [(saving.before, ("bar-before", "#aab2ba")), (saving.after, ("bar-after", "#009e73"))].into_iter().enumerate()
+            {
+                let top = y + 6.0 + 18.0 * i as f64;
+                let length = (0.8 * (right - left) * value / longest).max(1.0);
+                svg.rect([left, top, length, 15.0], style);
+                svg.text([left + length + 6.0, top + 12.0], 11.0, Anchor::Start, INK, &time(value));
+            }
+            let times = saving.before / saving.after.max(1e-12);
+            svg.text([right + 10.0, y + 20.0], 12.0, Anchor::Start, INK, &format!("{times:.2} times as fast"));
+            let moved = if saving.rmse == 0.0 { "the same picture".to_owned() } else { format!("RMSE {}", plot::number(saving.rmse)) };
+            svg.text([right + 10.0, y + 36.0], 11.0, Anchor::Start, MUTED, &moved);
+            y += ROW;
+        }
+    }
+    svg.finish("What each saving brings")
+}
+
+/// Seconds for people.
+pub fn time(s: f64) -> String {
+    match s {
+        s if s >= 10.0 => format!("{s:.0} s"),
+        s if s >= 1.0 => format!("{s:.2} s"),
+        s if s >= 0.1 => format!("{:.0} ms", 1e3 * s),
+        s if s >= 1e-3 => format!("{:.1} ms", 1e3 * s),
+        s => format!("{:.0} µs", 1e6 * s),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_changes_one_thing() {
+        for ratio in [1, 2, 4, 8] {
+            for row in rows(ratio, &ImageSettings::default()) {
+                assert!(row.before != row.after && row.before.field.check().is_ok() && row.after.field.check().is_ok(), "{}", row.name);
+                assert!(["field", "relight", "frame"].contains(&row.of));
+            }
+        }
+    }
+
+    #[test]
+    fn times_read_well() {
+        for (s, text) in [(12.3, "12 s"), (1.5, "1.50 s"), (0.25, "250 ms"), (0.0012, "1.2 ms"), (5e-5, "50 µs")] {
+            assert_eq!(time(s), text);
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Charts: what is measured of a small scene, within its budget, and what is written of it.
+#![cfg(feature = "chart")]
+
+mod common;
+use common::*;
+use halflight::chart::{self, Options, Report, Subject, Timing};
+use halflight::record::Machine;
+use halflight::scene::visibility::Method;
+use halflight::scene::{Camera, Grid, ImageSettings, Light, Probe, Sky};
+use std::ops::ControlFlow;
+use std::process::Command;
+
+fn subject(name: &str) -> Subject {
+    let volume = blobs(Grid::axis_aligned([24, 20, 16], [1.0; 3]).unwrap(), 7);
+    let image = ImageSettings { width: 32, height: 24, ..ImageSettings::default() };
+    let camera = Camera::from_settings(&Default::default(), volume.grid(), 32.0 / 24.0).unwrap();
+    let probe = Probe::two_colored();
+    Subject {
+        name: name.into(),
+        matter: linear(0.4),
+        light: Light::from_probe(&probe),
+        sky: Sky::from_probe(&probe),
+        camera,
+        image,
+        ratio: 4,
+        volume,
+    }
+}
+
+fn measured(seconds: f64) -> Report {
+    let engine = engine();
+    let options = Options { seconds, probes: 64, pixels: 32 * 24 };
+    chart::run(&engine, &[subject("a <b> & \"c\"")], &options, &mut quiet).unwrap()
+}
+
+#[test]
+fn a_small_scene_is_measured_and_written() {
+    let report = measured(12.0);
+    let s = &report.subjects[0];
+    let of = |method| s.fields.iter().filter(move |p| p.visibility.method == method && p.ratio == 4);
+    for method in [Method::March, Method::Hierarchical, Method::Sweep] {
+        assert!(of(method).next().is_some(), "{method:?} was not measured");
+    }
+    for p in &s.fields {
+        assert!(p.seconds > 0.0 && p.error > 0.0 && p.error.is_finite(), "{}", p.name);
+        assert!(p.interval[0] <= p.error && p.error <= p.interval[1], "{}", p.name);
+        // So small a field is always computed whole.
+        assert_eq!(p.timing, Timing::Whole);
+        // 8 bits add about their quantum, 16 a 256th of it.
+        assert!((p.packed[0] - p.error).abs() < 1e-3 && (p.packed[1] - p.error).abs() < 0.02, "{}", p.name);
+        // Recomputed by hand: on the front means beaten by none.
+        let beaten = s.fields.iter().any(|q| q.ratio == p.ratio && q.seconds < p.seconds && q.error < p.error);
+        assert!(!(p.front && beaten), "{}", p.name);
+    }
+    // More directions of the dense march are closer to the reference: the error is measured, not made up.
+    let march = |n| of(Method::March).find(|p| p.visibility.directions == n && p.visibility.step == 1.0).map(|p| p.error);
+    if let (Some(few), Some(many)) = (march(64), march(400)) {
+        assert!(many < few, "{many} {few}");
+    }
+    assert!(s.fields.iter().any(|p| p.front) && s.references[0].probes >= 32);
+    assert!(s.frames.len() >= 4 && s.frames.iter().all(|p| p.seconds > 0.0 && p.rmse.is_finite() && p.flip >= 0.0));
+    // One band of light is further from the truth than four.
+    let level = |bands| s.levels.iter().find(|l| l.bands == bands).map(|l| l.rmse);
+    assert!(level(1) > level(3), "{:?}", s.levels);
+
+    let csv = chart::points_csv(&report);
+    let rows: Vec<&str> = csv.lines().collect();
+    assert_eq!(rows.len(), 1 + s.fields.len());
+    assert!(rows[1].starts_with("\"a <b> & \"\"c\"\"\",\"sweep, N 128"), "{}", rows[1]);
+    for svg in [chart::field_error_svg(&report), chart::frame_error_svg(&report), chart::savings_svg(&report)] {
+        // Names are escaped: the drawing reads it as SVG.
+        assert!(chart::png(&svg, 1.0).unwrap().len() > 1000);
+        assert!(!svg.contains("<b>") && !svg.contains("NaN"));
+    }
+    let machine = Machine::of(engine().device());
+    let html = chart::report_html(&report, &machine).unwrap();
+    let outside: Vec<&str> = html.match_indices("http").map(|(i, _)| &html[i..(i + 30).min(html.len())]).collect();
+    assert!(outside.iter().all(|u| u.starts_with("http://www.w3.org/2000/svg")), "{outside:?}");
+    assert!(html.contains("data:image/png;base64,") && html.contains(&machine.date) && !html.contains("<b> &"));
+    let record = chart::record(&report, engine().device());
+    assert!(record.figures.len() >= 2 * s.fields.len());
+}
+
+#[test]
+fn a_cancel_is_heard() {
+    let engine = engine();
+    let options = Options { seconds: 60.0, probes: 64, pixels: 32 * 24 };
+    let mut calls = 0;
+    let mut stop = |_: &'static str, _: f32| {
+        calls += 1;
+        if calls > 20 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let done = chart::run(&engine, &[subject("a")], &options, &mut stop);
+    assert!(matches!(done, Err(halflight::Error::Cancelled)));
+}
+
+#[test]
+#[cfg(feature = "cli")]
+fn the_command_writes_a_folder_or_says_why_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 12 8\nencoding: raw\n\n".to_vec();
+    bytes.extend((0..16 * 12 * 8).map(|i| (i % 16 * 12) as u8));
+    std::fs::write(folder.path().join("v.nrrd"), bytes).unwrap();
+    let run = |arguments: &[&str]| {
+        let out = Command::new(env!("CARGO_BIN_EXE_halflight")).current_dir(folder.path()).arg("chart").args(arguments).output().unwrap();
+        (out.status.code(), String::from_utf8(out.stdout).unwrap(), String::from_utf8(out.stderr).unwrap())
+    };
+    for (arguments, code, part) in [
+        (&["v.nrrd"][..], 2, "--out <DIR>"),
+        (&["v.nrrd", "-o", "r", "--budget", "0"], 2, "a number of seconds above 0"),
+        (&["v.nrrd", "-o", "r", "--set", "visibility.method=march"], 2, "`visibility.method` changes nothing in a chart"),
+        (&["-o", "r", "--visibility.ratio", "2"], 2, "`visibility.ratio` needs a SCENE to change"),
+        (&["gone.nrrd", "-o", "r"], 3, "gone.nrrd: cannot open: no such file"),
+        (&["v.nrrd", "-o", "r", "--transfer.points", "[[0, 1, 1, 1, 0]]"], 3, "the scene is empty"),
+        (&["v.nrrd", "-o", "v.nrrd"], 3, "v.nrrd"),
+    ] {
+        let (got, stdout, stderr) = run(arguments);
+        assert_eq!(got, Some(code), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(part) && stdout.is_empty(), "{arguments:?}: {stderr}");
+        assert!(!folder.path().join("r").exists(), "{arguments:?}");
+    }
+    let (code, stdout, stderr) =
+        run(&["v.nrrd", "-o", "r", "--budget", "4", "--json", "--image.width", "40", "--image.height", "30", "--record", "kept"]);
+    assert_eq!(code, Some(0), "{stderr}");
+    let object: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert!(object["report"]["subjects"][0]["fields"].as_array().unwrap().len() >= 4 && object["machine"]["cores"].is_u64());
+    for name in
+        ["report.html", "report.json", "points.csv", "field_error.svg", "field_error.png", "frame_error.svg", "savings.png", "record.json"]
+    {
+        assert!(std::fs::metadata(folder.path().join("r").join(name)).unwrap().len() > 100, "{name}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path().join("kept")).unwrap().count(), 1);
+}
