@@ -9,7 +9,7 @@
 
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput, criterion_group, criterion_main, measurement::WallTime};
 use halflight::demo;
-use halflight::engine::{Engine, Lit, Medium, Options, Reference, ReferenceSettings};
+use halflight::engine::{Engine, Lit, Medium, Options, Reference as ReferencePicture, ReferenceSettings};
 use halflight::record::Record;
 use halflight::scene::transfer::{Kind, Reference, Table};
 use halflight::scene::visibility::Method;
@@ -174,7 +174,11 @@ fn check_estimators(b: &Bench) {
     let twin = hierarchical::reference(grid, &pyramid, dims, &cells, &set, settings.growth);
     agree("hierarchical", b.estimate(&settings, &cells).as_flattened(), twin.as_flattened(), tolerance);
     let settings = b.settings(Method::Sweep);
-    let all = sweep::reference(&b.volume, &b.table, dims, &set, settings.near, f64::from(settings.step) * grid.voxel_length());
+    let all = {
+        let rays = sweep::rays(settings.directions, grid);
+        let step_length = f64::from(settings.step) * grid.voxel_length();
+        sweep::reference(&b.volume, &b.table, dims, &rays, sweep::Settings { near: settings.near, step_length })
+    };
     let twin: Vec<[f32; 16]> = cells.iter().map(|&c| all[c as usize]).collect();
     agree("sweep", b.estimate(&settings, &cells).as_flattened(), twin.as_flattened(), tolerance);
 }
@@ -252,7 +256,7 @@ fn check_isosurface(b: &Bench) {
 }
 
 /// The reference picture of few samples.
-fn traced(b: &Bench) -> Reference {
+fn traced(b: &Bench) -> ReferencePicture {
     let sky = Sky::from_probe(&Probe::two_colored());
     let settings = ReferenceSettings { samples: TRACED, error: 0.0, ..ReferenceSettings::default() };
     b.engine.render_reference(&b.dvr, &sky, &b.camera, &IMAGE, &settings, &mut quiet).expect("reference picture")

@@ -3,13 +3,12 @@
 mod common;
 use common::*;
 use halflight::measure::field_error;
-use halflight::scene::visibility::{Method, Sampling};
+use halflight::scene::visibility::{Cells, Method, Sampling};
 use halflight::scene::{Grid, Visibility, Volume, sh};
-use halflight::stages::directions::Directions;
 use halflight::stages::sweep;
 
 fn settings(near: u32, directions: u32, ratio: u32) -> Visibility {
-    Visibility { method: Method::Sweep, ratio, directions, near, bits: 32, step: 0.5, ..Visibility::default() }
+    Visibility { method: Method::Sweep, ratio, directions, near, bits: 32, step: 0.5, cells: Cells::All, ..Visibility::default() }
 }
 
 fn all(dims: [usize; 3]) -> Vec<u32> {
@@ -32,9 +31,11 @@ fn the_sweep_equals_its_twin() {
             let (_, medium) = load(&engine, &volume, &matter);
             let dims = grid.field_dims(ratio as usize);
             let device = engine.estimate(&medium, &settings(near, 29, ratio), &all(dims), &mut quiet).expect("estimate");
-            let set = Directions::new(29, Sampling::Stratified, &grid);
+            let rays = sweep::rays(29, &grid);
+            let table = matter.transfer.table(volume.range(), &grid);
             let twin = |near| {
-                sweep::reference(&volume, &matter.transfer.table(volume.range(), &grid), dims, &set, near, 0.5 * grid.voxel_length())
+                let settings = sweep::Settings { near, step_length: 0.5 * grid.voxel_length() };
+                sweep::reference(&volume, &table, dims, &rays, settings)
             };
             let e = field_error(&device, &twin(near)).relative_l2;
             // Single precision through at most 20 slices, and the device's filter weights.
@@ -58,13 +59,13 @@ fn a_homogeneous_medium_attenuates_by_its_chord() {
         let cells = all(dims);
         let swept = engine.estimate(&medium, &settings(1, 512, ratio), &cells, &mut quiet).expect("sweep");
         // Truth over the same directions: chords by slabs in world space.
-        let set = Directions::new(512, Sampling::Stratified, volume.grid());
+        let rays = sweep::rays(512, volume.grid());
         let truth: Vec<[f32; 16]> = cells
             .iter()
             .map(|&cell| {
                 let x = halflight::stages::twin::cell_centre(volume.grid(), dims, cell);
                 let mut sum = [0f64; 16];
-                for d in &set.table {
+                for d in &rays {
                     let w: [f64; 3] = std::array::from_fn(|a| f64::from(d.voxel[a]) * [1.0, 0.5, 2.0][a]);
                     let chord = (0..3)
                         .map(|a| {

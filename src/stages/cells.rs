@@ -127,7 +127,7 @@ pub fn distances(dims: [usize; 3], matter: &[bool]) -> Vec<u8> {
     let mut line = Vec::new();
     for a in 0..3 {
         let n = dims[a];
-        for first in (0..d.len()).filter(|i| i / strides[a] % n == 0) {
+        for first in (0..d.len()).filter(|i| (i / strides[a]).is_multiple_of(n)) {
             line.clear();
             line.extend((0..n).map(|k| d[first + k * strides[a]]));
             for (k, out) in (0..n).map(|k| (k, first + k * strides[a])) {
