@@ -72,13 +72,13 @@ fn box_radiance(eye: DVec3, w: DVec3, side: DVec3, sigma: f64, source: impl Fn(D
 fn agree(reference: &Reference, expected: &[(usize, [f64; 3])], bias: f64) -> Result<(), String> {
     let (mut chi2, mut count) = (0.0, 0.0);
     for (i, e) in expected {
-        for c in 0..3 {
+        for (c, &e) in e.iter().enumerate() {
             let (got, error) = (f64::from(reference.picture.rgba[*i][c]), f64::from(reference.standard_error[*i][c]));
-            let off = (got - e[c]).abs() - bias * e[c].abs();
-            if off > 5.0 * error + 1e-6 * e[c] {
-                return Err(format!("pixel {i}, channel {c}: {got} for {}, standard error {error}", e[c]));
+            let off = (got - e).abs() - bias * e.abs();
+            if off > 5.0 * error + 1e-6 * e {
+                return Err(format!("pixel {i}, channel {c}: {got} for {e}, standard error {error}"));
             }
-            chi2 += (off.max(0.0) / error.max(1e-9 + 1e-6 * e[c])).powi(2);
+            chi2 += (off.max(0.0) / error.max(1e-9 + 1e-6 * e)).powi(2);
             count += 1.0;
         }
     }

@@ -9,7 +9,7 @@ use halflight::scene::scene::{
     ramp,
 };
 use halflight::scene::transfer::{Kind, Reference};
-use halflight::scene::visibility::{Filter, Method, Sampling};
+use halflight::scene::visibility::{Cells, Filter, Method, Sampling};
 use halflight::scene::{Camera, Grid, Light, Picture, Probe, Visibility};
 use std::path::{Path, PathBuf};
 
@@ -59,6 +59,7 @@ sampling = "jittered"
 growth = 0.5
 step = 0.25
 near = 3
+cells = "all"
 
 [camera]
 position = [1, 2, 3]
@@ -108,6 +109,7 @@ fn every_key_is_read() {
         growth: 0.5,
         step: 0.25,
         near: 3,
+        cells: Cells::All,
     };
     assert_eq!(s.visibility, visibility);
     let camera = CameraSettings {
