@@ -3,7 +3,7 @@
 #define HALFLIGHT_SH_GLSL
 
 // Y_lm(d) of a direction of unit length.
-void sh_basis(vec3 d, out float y[16]) {
+void sh_basis(vec3 d, precise out float y[16]) {
     float zz = d.z * d.z;
     float c2 = d.x * d.x - d.y * d.y; // sin²θ cos 2φ
     y[0] = 0.28209479177387814;

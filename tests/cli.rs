@@ -510,11 +510,16 @@ fn precompute_writes_the_field() {
     let middle = field.data[9 * (4 + 8 * (3 + 6 * 2))];
     assert!(field.data[0] > 0.9 * most && field.data[0] <= 1.01 * most && middle < 0.5 * most, "{} {middle}", field.data[0]);
     // Sabotage of the same comparison: without matter the middle sees all.
-    let out = halflight(&f.0, &["precompute", "scene.toml", "-o", "field.nrrd", "--transfer.points", "[[0, 1, 1, 1, 0]]"]);
+    let vacuum = ["precompute", "scene.toml", "-o", "field.nrrd", "--transfer.points", "[[0, 1, 1, 1, 0]]", "--visibility.cells", "all"];
+    let out = halflight(&f.0, &vacuum);
     assert_eq!(out.status.code(), Some(0));
     assert!(String::from_utf8_lossy(&out.stderr).contains("the picture will be empty"));
     let field = halflight::io::read_nrrd_field(&f.0.join("field.nrrd"), &Default::default()).unwrap();
     assert!(field.data[16 * (4 + 8 * (3 + 6 * 2))] > 0.99 * most);
+    // Cells that no renderer reads are zero unless all are asked for.
+    assert_eq!(halflight(&f.0, &vacuum[..6]).status.code(), Some(0));
+    let field = halflight::io::read_nrrd_field(&f.0.join("field.nrrd"), &Default::default()).unwrap();
+    assert!(field.data.iter().all(|&v| v == 0.0));
 }
 
 #[test]

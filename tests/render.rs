@@ -3,7 +3,7 @@
 mod common;
 use common::*;
 use halflight::scene::grid::glam::DVec3;
-use halflight::scene::visibility::Method;
+use halflight::scene::visibility::{Cells, Method};
 use halflight::scene::{Camera, Grid, ImageSettings, Light, Picture, Shading, Surface, Visibility, Volume};
 use halflight::stages::raymarch::{self, View};
 use halflight::stages::{isosurface, relight, twin};
@@ -38,7 +38,7 @@ fn a_constant_light_without_occlusion_gives_back_the_albedo() {
     let volume = blobs(grid, 1);
     let (_, vacuum) = load(&engine, &volume, &homogeneous(0.0));
     for bits in [8, 16, 32] {
-        let field = engine.precompute(&vacuum, &Visibility { bits, ..march(2) }, &mut quiet).expect("field");
+        let field = engine.precompute(&vacuum, &Visibility { bits, cells: Cells::All, ..march(2) }, &mut quiet).expect("field");
         let lit = engine.relight(&field, &Light::constant([1.0, 2.0, 0.5])).expect("light");
         for s in engine.read_irradiance(&lit).expect("read") {
             // Half floats: 11 bits.

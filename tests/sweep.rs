@@ -4,11 +4,15 @@ mod common;
 use common::*;
 use halflight::measure::field_error;
 use halflight::scene::visibility::{Cells, Method, Sampling};
-use halflight::scene::{Grid, Visibility, Volume, sh};
+use halflight::scene::{Grid, ImageSettings, Light, Probe, Visibility, Volume, sh};
 use halflight::stages::sweep;
 
 fn settings(near: u32, directions: u32, ratio: u32) -> Visibility {
     Visibility { method: Method::Sweep, ratio, directions, near, bits: 32, step: 0.5, cells: Cells::All, ..Visibility::default() }
+}
+
+fn sky() -> Light {
+    Light::from_probe(&Probe::two_colored())
 }
 
 fn all(dims: [usize; 3]) -> Vec<u32> {
@@ -153,4 +157,88 @@ fn jittered_patterns_are_refused_and_cancelling_works() {
     };
     assert!(matches!(engine.precompute(&medium, &settings(1, 16, 2), &mut stop), Err(halflight::Error::Cancelled)));
     assert!(engine.precompute(&medium, &settings(1, 16, 2), &mut quiet).is_ok());
+}
+
+#[test]
+fn every_pass_is_a_valid_field_and_the_last_is_the_whole() {
+    let engine = engine();
+    let volume = blobs(Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid"), 9);
+    let (_, medium) = load(&engine, &volume, &linear(0.8));
+    let s = settings(2, 256, 2);
+    let cells = all(volume.grid().field_dims(2));
+    let dense = Visibility { method: Method::March, directions: 4096, step: 0.25, ..s.clone() };
+    let truth = engine.estimate(&medium, &dense, &cells, &mut quiet).expect("march");
+    let read = |field: &halflight::engine::Field| -> Vec<[f32; 16]> {
+        engine.read_field(field).expect("read").chunks_exact(16).map(|c| c.try_into().expect("16")).collect()
+    };
+    let mut passes = Vec::new();
+    let last = engine
+        .refine(&medium, &s, &mut quiet, &mut |pass| {
+            passes.push((pass.directions, field_error(&read(pass.field), &truth).relative_l2));
+            std::ops::ControlFlow::Continue(())
+        })
+        .expect("refine");
+    println!("passes: {passes:?}");
+    assert_eq!(passes.iter().map(|p| p.0).collect::<Vec<_>>(), [32, 64, 128, 256]);
+    // Directions cost their usual N^-3/4, and the beginning of a set a fifth more than a set of its own.
+    for (n, e) in &passes {
+        let own = engine.estimate(&medium, &Visibility { directions: *n, ..s.clone() }, &cells, &mut quiet).expect("sweep");
+        let own = field_error(&own, &truth).relative_l2;
+        assert!(*e < 1.25 * own, "{n} directions: {e}, a set of their own {own}");
+    }
+    // Down to the sweep's own error, which no direction removes.
+    assert!(passes.windows(2).all(|p| p[1].1 < p[0].1) && passes[1].1 < 0.6 * passes[0].1, "{passes:?}");
+    // The sums of all passes are those of one, in another order.
+    let whole = read(&engine.precompute(&medium, &s, &mut quiet).expect("precompute"));
+    assert!(field_error(&read(&last), &whole).relative_l2 < 1e-6);
+    // Stopped early, the last finished pass is what is returned.
+    let mut seen = 0;
+    let first = engine.refine(&medium, &s, &mut quiet, &mut |pass| {
+        seen = pass.directions;
+        std::ops::ControlFlow::Break(())
+    });
+    let error = field_error(&read(&first.expect("refine")), &truth).relative_l2;
+    assert!(seen == 32 && (error - passes[0].1).abs() < 1e-9);
+    // Sabotage: without the correction the beginning of a set is further off.
+    let rays = sweep::rays(256, volume.grid());
+    let table = linear(0.8).transfer.table(volume.range(), volume.grid());
+    let plain = sweep::reference(&volume, &table, volume.grid().field_dims(2), &rays[..32], sweep::Settings { near: 2, step_length: 0.5 });
+    assert!(field_error(&plain, &truth).relative_l2 > 1.15 * passes[0].1);
+}
+
+#[test]
+fn cells_nobody_reads_are_left_out_and_change_no_other() {
+    let engine = engine();
+    // A ball in a corner of a large empty box.
+    let volume = Volume::from_fn(Grid::axis_aligned([64, 48, 40], [1.0; 3]).expect("grid"), |p| {
+        let d = (p[0] - 14.0).hypot(p[1] - 12.0).hypot(p[2] - 11.0);
+        if d < 8.0 { 1.0 } else { 0.0 }
+    })
+    .expect("volume");
+    let (_, medium) = load(&engine, &volume, &linear(0.9));
+    let small = ImageSettings { width: 64, height: 48, step: 0.5, ..ImageSettings::default() };
+    for method in [Method::Sweep, Method::March, Method::Hierarchical] {
+        // One slice: what is carried only is then swept as everything else.
+        let all = Visibility { method, ..settings(1, 64, 2) };
+        let near = Visibility { cells: Cells::Matter, ..all.clone() };
+        let fields = [&all, &near].map(|s| engine.read_field(&engine.precompute(&medium, s, &mut quiet).expect("field")).expect("read"));
+        let cells = fields[1].chunks_exact(16).zip(fields[0].chunks_exact(16));
+        let computed = cells.clone().filter(|(near, _)| near.iter().any(|v| *v != 0.0)).count();
+        assert!(computed > 1000 && computed < 32 * 24 * 20 / 3, "{computed}");
+        for (near, all) in cells {
+            assert!(near == all || near.iter().all(|v| *v == 0.0));
+        }
+        // And no picture sees the difference.
+        let pictures = [&all, &near].map(|s| {
+            let field = engine.precompute(&medium, s, &mut quiet).expect("field");
+            let lit = engine.relight(&field, &sky()).expect("light");
+            engine.render(&medium, &lit, &halflight::demo::camera(volume.grid()), &small, &mut quiet).expect("picture")
+        });
+        assert_eq!(pictures[0].rgba, pictures[1].rgba);
+        // Sabotage: the same under a field that holds a smaller ball's cells only.
+        let (_, less) = load(&engine, &volume, &homogeneous(0.0));
+        let lit = engine.relight(&engine.precompute(&less, &near, &mut quiet).expect("field"), &sky()).expect("light");
+        let dark = engine.render(&medium, &lit, &halflight::demo::camera(volume.grid()), &small, &mut quiet);
+        assert_ne!(dark.expect("picture").rgba, pictures[0].rgba);
+    }
 }

