@@ -6,8 +6,8 @@ use super::{Clock, Report, Saving, SubjectReport, median, plot, seconds, timed};
 use crate::engine::Field;
 use crate::error::Result;
 use crate::measure;
-use crate::scene::visibility::Method;
-use crate::scene::{ImageSettings, Picture, Visibility};
+use crate::scene::visibility::{Cells, Method};
+use crate::scene::{ImageSettings, Light, Picture, Visibility};
 
 /// One row before it is measured.
 struct Row {
@@ -22,21 +22,45 @@ struct Row {
 struct Variant {
     field: Visibility,
     image: ImageSettings,
+    light: Under,
+}
+
+/// What lights a variant.
+#[derive(Clone, Copy, PartialEq)]
+enum Under {
+    /// The subject's own light.
+    Own,
+    /// The same radiance from all around.
+    Constant([f64; 3]),
+}
+
+/// Grey, but for a millionth: what three channels cost where one would do.
+const BARELY_TINTED: [f64; 3] = [1.0, 1.0, 1.000_001];
+
+/// A variant with a field of so many bands.
+fn bands(of: &Variant, bands: u32) -> Variant {
+    Variant { field: Visibility { bands, ..of.field.clone() }, ..of.clone() }
 }
 
 /// The savings that are shown; a new one is a new row.
 fn rows(ratio: u32, image: &ImageSettings) -> Vec<Row> {
     let base = Visibility { method: Method::Sweep, ratio, directions: 128, near: 2, step: 2.0, ..Visibility::default() };
-    let full = Variant { field: base.clone(), image: *image };
-    let bands = |bands| Variant { field: Visibility { bands, ..base.clone() }, image: *image };
-    let bits = |bits| Variant { field: Visibility { bits, ..base.clone() }, image: *image };
-    let unskipped = Variant { field: base.clone(), image: ImageSettings { skip: false, ..*image } };
-    let skipped = Variant { field: base.clone(), image: ImageSettings { skip: true, ..*image } };
+    let full = Variant { field: base.clone(), image: *image, light: Under::Own };
+    let bits = |bits| Variant { field: Visibility { bits, ..base.clone() }, ..full.clone() };
+    let all = Variant { field: Visibility { cells: Cells::All, ..base.clone() }, ..full.clone() };
+    let under = |kept, rgb| Variant { light: Under::Constant(rgb), ..bands(&full, kept) };
+    let unskipped = Variant { image: ImageSettings { skip: false, ..*image }, ..full.clone() };
+    let skipped = Variant { image: ImageSettings { skip: true, ..*image }, ..full.clone() };
     let row = |name: String, of, before: &Variant, after: Variant| Row { name, of, before: before.clone(), after };
     let mut rows = vec![
         row("leaping over empty blocks".into(), "frame", &unskipped, skipped),
-        row("4 bands → 3".into(), "field", &full, bands(3)),
-        row("4 bands → 2".into(), "field", &full, bands(2)),
+        row("every cell → cells near matter".into(), "field", &all, full.clone()),
+        row("constant light: 4 bands → 1".into(), "field", &under(4, [1.0; 3]), under(1, [1.0; 3])),
+        row("constant light: 4 bands → 1".into(), "relight", &under(4, [1.0; 3]), under(1, [1.0; 3])),
+        row("grey light: 3 channels → 1".into(), "relight", &under(4, BARELY_TINTED), under(4, [1.0; 3])),
+        row("grey light: 3 channels → 1".into(), "frame", &under(4, BARELY_TINTED), under(4, [1.0; 3])),
+        row("4 bands → 3".into(), "field", &full, bands(&full, 3)),
+        row("4 bands → 2".into(), "field", &full, bands(&full, 2)),
         row("32 bits → 8".into(), "relight", &bits(32), full.clone()),
         row(
             "one step of viewing rays a voxel → every second".into(),
@@ -46,7 +70,7 @@ fn rows(ratio: u32, image: &ImageSettings) -> Vec<Row> {
         ),
     ];
     if ratio > 1 {
-        let finer = Variant { field: Visibility { ratio: ratio / 2, ..base.clone() }, image: *image };
+        let finer = Variant { field: Visibility { ratio: ratio / 2, ..base.clone() }, ..full.clone() };
         rows.push(row(format!("cells of 1:{} → 1:{ratio}", ratio / 2), "field", &finer, full.clone()));
     }
     rows
@@ -78,7 +102,10 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
                     Some(field) => (field, 0.0),
                     None => frames.field(&variant.field, clock)?,
                 };
-                let (lit, relight) = timed(frames.engine, || frames.lit(&field, 4))?;
+                let (lit, relight) = timed(frames.engine, || match variant.light {
+                    Under::Own => frames.lit(&field, 4),
+                    Under::Constant(rgb) => frames.engine.relight(&field, &Light::constant(rgb)),
+                })?;
                 let (picture, frame) = match pictures[side].take().filter(|_| row.of != "frame") {
                     Some(picture) => (picture, 0.0),
                     None => frames.picture(&lit, &variant.image, clock)?,
