@@ -79,8 +79,8 @@ struct At<'a> {
     ratio: u32,
     probes: Vec<u32>,
     reference: Vec<[f32; 16]>,
-    /// Cells of the whole field.
-    cells: usize,
+    /// The cells that the field holds.
+    cells: Vec<u32>,
     /// Wall seconds up to which a field is computed whole.
     cheap: f64,
     costs: Costs,
@@ -101,7 +101,7 @@ pub struct Fields<'a> {
 /// Fills `report` with the fields of a subject at its own ratio, and returns what they cost.
 pub fn own(f: &Fields, clock: &mut Clock, report: &mut SubjectReport) -> Result<Costs> {
     let ratio = f.subject.ratio;
-    let mut at = f.at(ratio, f.options.probes, Costs::default(), clock);
+    let mut at = f.at(ratio, f.options.probes, Costs::default(), clock)?;
     at.pilot(clock)?;
     let most = at.affordable(clock.left(UNTIL[0]), f.options.probes).max(LEAST_PROBES);
     at.begin(f, ratio, most, clock, report)?;
@@ -114,7 +114,7 @@ pub fn others(f: &Fields, costs: &Costs, clock: &mut Clock, report: &mut Subject
     let own = f.subject.ratio;
     for (ratio, share) in [(own * 2, 0.2), (own / 2, 0.35)].into_iter().filter(|(r, _)| [1, 2, 4, 8].contains(r)) {
         let most = f.options.probes / 4;
-        let mut at = f.at(ratio, most, costs.clone(), clock);
+        let mut at = f.at(ratio, most, costs.clone(), clock)?;
         let count = at.affordable(share * clock.left(UNTIL[2]), most);
         if count < LEAST_PROBES.min(at.probes.len()) {
             report.left_out.push(format!("1:{ratio}: no time for its reference"));
@@ -127,11 +127,11 @@ pub fn others(f: &Fields, costs: &Costs, clock: &mut Clock, report: &mut Subject
 }
 
 impl<'a> Fields<'a> {
-    fn at(&self, ratio: u32, probes: usize, costs: Costs, clock: &Clock) -> At<'a> {
+    fn at(&self, ratio: u32, probes: usize, costs: Costs, clock: &Clock) -> Result<At<'a>> {
         let (engine, medium) = (self.engine, self.medium);
-        let cells = medium.grid().field_dims(ratio as usize).iter().product();
+        let cells = engine.wanted_cells(medium, &Visibility { ratio, ..Visibility::default() })?;
         let probes = measure::probes(&self.subject.volume, medium, ratio, probes.max(LEAST_PROBES));
-        At { engine, medium, ratio, probes, reference: Vec::new(), cells, cheap: CHEAP * clock.share, costs }
+        Ok(At { engine, medium, ratio, probes, reference: Vec::new(), cells, cheap: CHEAP * clock.share, costs })
     }
 }
 
@@ -187,8 +187,9 @@ impl At<'_> {
 
     /// Wall seconds that a setting will take, and whether its whole field is computed: where that is cheap.
     fn predicted(&self, v: &Visibility) -> (f64, bool) {
-        let (all, part) = (self.costs.whole(v, self.medium.grid()), self.probes.len() + TIMED_CELLS);
-        match v.method == Method::Sweep || all <= self.cheap || self.cells <= part {
+        let part = self.probes.len() + TIMED_CELLS;
+        let all = self.costs.of(v, self.medium.grid(), self.cells.len());
+        match v.method == Method::Sweep || all <= self.cheap || self.cells.len() <= part {
             true => (all, true),
             false => (self.costs.of(v, self.medium.grid(), part), false),
         }
@@ -197,7 +198,7 @@ impl At<'_> {
     /// Coefficients of some cells, and the seconds of each kernel. Learns what the method costs.
     fn estimate(&mut self, v: &Visibility, cells: &[u32], clock: &mut Clock) -> Result<Estimate> {
         let done = timed(self.engine, || self.engine.estimate(self.medium, v, cells, &mut |_, _| clock.tick()))?;
-        let worked = if v.method == Method::Sweep { self.cells } else { cells.len() };
+        let worked = if v.method == Method::Sweep { self.cells.len() } else { cells.len() };
         self.costs.learn(v, self.medium.grid(), worked, &done.1);
         Ok(done)
     }
@@ -207,12 +208,13 @@ impl At<'_> {
         clock.check()?;
         // A sweep visits every cell whichever are asked for.
         let asked: Vec<u32> = match whole && v.method != Method::Sweep {
-            true => (0..self.cells as u32).collect(),
+            true => self.cells.clone(),
             false => self.probes.clone(),
         };
         let (mut values, times) = self.estimate(v, &asked, clock)?;
         if asked.len() > self.probes.len() {
-            values = self.probes.iter().map(|&p| values[p as usize]).collect();
+            let place = |p: &u32| asked.binary_search(p).ok().map(|i| values[i]);
+            values = self.probes.iter().filter_map(place).collect();
         }
         let mut runs = Vec::new();
         if whole {
@@ -222,9 +224,9 @@ impl At<'_> {
                 runs.push(seconds(&self.estimate(v, &asked, clock)?.1));
             }
         } else {
-            let drawn = drawn_cells(self.cells, TIMED_CELLS);
+            let drawn: Vec<u32> = drawn_cells(self.cells.len(), TIMED_CELLS).into_iter().map(|i| self.cells[i as usize]).collect();
             let (once, each) = once_and_each(&self.estimate(v, &drawn, clock)?.1);
-            runs.push(once + each * self.cells as f64 / drawn.len() as f64);
+            runs.push(once + each * self.cells.len() as f64 / drawn.len() as f64);
         }
         let (seconds, spread) = median(runs);
         let error = measure::field_error(&values, &self.reference);

@@ -170,6 +170,15 @@ impl Engine {
         }
     }
 
+    /// Linear indices of the cells that a field of these settings holds, ascending; the others are zero
+    /// ([`Cells`]).
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a setting out of its range.
+    pub fn wanted_cells(&self, medium: &Medium, settings: &Visibility) -> Result<Vec<u32>> {
+        Ok(self.cell_map(medium, settings, &[])?.cells(true))
+    }
+
     /// Which cells a field of these settings holds; `also` are wanted besides.
     fn cell_map(&self, medium: &Medium, settings: &Visibility, also: &[u32]) -> Result<CellMap> {
         settings.check()?;
