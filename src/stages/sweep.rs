@@ -200,7 +200,13 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record_gather(rec: &mut Recorder, run: &super::estimate::Run, cell_map: &Image, images: [&Image; 4], correction: Option<&Buffer>) -> Result<()> {
+pub fn record_gather(
+    rec: &mut Recorder,
+    run: &super::estimate::Run,
+    cell_map: &Image,
+    images: [&Image; 4],
+    correction: Option<&Buffer>,
+) -> Result<()> {
     rec.dispatch(
         &gather::Bindings {
             cells: run.cells,

@@ -1,0 +1,92 @@
+//! The laws that candidates are predicted by, and the cheapest that they allow.
+
+use crate::scene::visibility::MAX_SWEPT;
+
+/// Quadrature error of N well-spread directions: q(N) = a·N^−p.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Law {
+    pub a: f64,
+    pub p: f64,
+}
+
+impl Law {
+    /// Through two measured (N, error). The exponent is kept to what step functions (½) to smooth ones (1¼) show.
+    pub fn through(few: (u32, f64), many: (u32, f64)) -> Self {
+        if !(few.1 > 0.0 && many.1 > 0.0) {
+            return Self { a: 0.0, p: 1.0 };
+        }
+        let p = ((few.1 / many.1).ln() / (f64::from(many.0) / f64::from(few.0)).ln()).clamp(0.5, 1.25);
+        Self { a: many.1 * f64::from(many.0).powf(p), p }
+    }
+
+    pub fn error(&self, n: u32) -> f64 {
+        self.a * f64::from(n).powf(-self.p)
+    }
+
+    /// The fewest directions whose error squared is `left`, in eights, but `least`.
+    pub fn directions(&self, left: f64, least: u32) -> Option<u32> {
+        if left <= 0.0 {
+            return None;
+        }
+        let n = (self.a * self.a / left).powf(0.5 / self.p);
+        (n < 1e6).then(|| (n.ceil() as u32).next_multiple_of(8).max(least))
+    }
+}
+
+/// A sweep's shape as measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shape {
+    pub near: u32,
+    pub step: f32,
+    /// Its own error, without that of quadrature.
+    pub error: f64,
+    /// Seconds: once, and per direction.
+    pub seconds: [f64; 2],
+}
+
+impl Shape {
+    /// Directions and seconds with which this shape's error squared stays below `budget`.
+    pub fn within(&self, budget: f64, law: &Law, least: u32) -> Option<(u32, f64)> {
+        let n = law.directions(budget - self.error * self.error, least).filter(|&n| n <= MAX_SWEPT)?;
+        Some((n, self.seconds[0] + f64::from(n) * self.seconds[1]))
+    }
+}
+
+/// Shapes worth a look at `ratio`, cheapest first: slices marched densely, and the longest step in voxels.
+pub(super) fn shapes(ratio: u32) -> Vec<(u32, f32)> {
+    let mut out: Vec<(u32, f32)> = Vec::new();
+    for (near, step) in [(1, 2.0), (2, 2.0), (2, 1.0), (3, 1.0), (4, 1.0), (4, 0.5)] {
+        let shape = (near, f32::min(step, ratio as f32));
+        if !out.contains(&shape) {
+            out.push(shape);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_law_goes_through_what_it_was_given_and_inverts() {
+        let law = Law::through((32, 1.4 * 32f64.powf(-0.75)), (256, 1.4 * 256f64.powf(-0.75)));
+        assert!((law.a - 1.4).abs() < 1e-9 && (law.p - 0.75).abs() < 1e-9, "{law:?}");
+        let n = law.directions(0.05 * 0.05, 32).expect("some");
+        assert!(law.error(n) <= 0.05 && law.error(n - 8) > 0.05, "{n}");
+        assert_eq!(law.directions(0.0, 32), None);
+        assert_eq!(law.directions(1.0, 32), Some(32));
+        // Nothing there: nothing wrong.
+        assert_eq!(Law::through((32, 0.0), (256, 0.0)).directions(1e-9, 32), Some(32));
+    }
+
+    #[test]
+    fn a_shape_leaves_to_quadrature_what_it_does_not_take_itself() {
+        let law = Law { a: 1.4, p: 0.75 };
+        let shape = |error| Shape { near: 1, step: 2.0, error, seconds: [0.5, 0.01] };
+        let (n, seconds) = shape(0.03).within(0.05 * 0.05, &law, 32).expect("within reach");
+        assert!((law.error(n).powi(2) + 0.03f64.powi(2)).sqrt() <= 0.05 && (seconds - 0.5 - 0.01 * f64::from(n)).abs() < 1e-12);
+        assert!(n > shape(0.0).within(0.05 * 0.05, &law, 32).expect("fewer").0);
+        assert_eq!(shape(0.05).within(0.05 * 0.05, &law, 32), None);
+    }
+}
