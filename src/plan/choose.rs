@@ -1,7 +1,7 @@
 //! From what is asked for to settings, by measuring.
 
-use super::law::{Law, Shape, shapes};
-use super::{Candidate, Plan, Request, described};
+use super::law::{Law, Shape, shapes, spread};
+use super::{Candidate, Plan, Request, method as name};
 use crate::engine::{Engine, Medium, Need, Progress};
 use crate::error::{Error, Result};
 use crate::measure::{self, FieldError, REFERENCE_DIRECTIONS, REFERENCE_STEP, errors};
@@ -20,8 +20,14 @@ const REFERENCE_SECONDS: f64 = 20.0;
 const FEW: u32 = 64;
 const MANY: u32 = 256;
 
-/// Directions of the sweep that only shows what a sweep costs before its first direction.
-const FIXED: u32 = 8;
+/// Directions with which shapes of the sweep are measured, at least and at most; a sweep of a quarter of them goes before.
+const PILOT: [u32; 2] = [48, 256];
+
+/// What quadrature is taken for before it is known: q(N) = 1.2·N^−¾.
+const PRIOR: f64 = 1.2;
+
+/// Most directions of a march that a plan takes.
+const MOST_MARCHED: u32 = 2 * REFERENCE_DIRECTIONS;
 
 /// Fewer directions do not tell 16 harmonics apart.
 const LEAST: u32 = 32;
@@ -67,7 +73,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         let settings = Visibility { method: Method::Sweep, directions: LEAST, bits: request.bits.unwrap_or(8), ..base };
         let none = FieldError { relative_l2: 0.0, interval: [0.0; 2] };
         reasons.push("nothing to see: no cell lies near matter, so anything is exact".into());
-        let shape = Shape { near: settings.near, step: settings.step, error: 0.0, seconds: [0.0; 2] };
+        let shape = Shape { near: settings.near, step: settings.step, law: Law { a: 0.0, p: 1.0 }, error: 0.0, seconds: [0.0; 2] };
         return Ok(Plan {
             need: Need::of(volume, &settings, request.pixels),
             settings,
@@ -134,23 +140,32 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         ));
     }
 
-    // Shapes of the sweep, cheapest first, until one takes little of the budget.
+    // Shapes of the sweep, cheapest first, until one takes little of the budget or costs less than the next one's look.
     let sweep = |directions, (near, step)| Visibility { method: Method::Sweep, directions, near, step, ..base.clone() };
     let list = shapes(ratio);
     bench.run(&sweep(1, list[0]), None, 0.4)?;
-    let (_, fixed) = bench.run(&sweep(FIXED, list[0]), None, 0.45)?;
+    let most = ((PRIOR / tolerance).powf(4.0 / 3.0) as u32).clamp(PILOT[0], PILOT[1]);
+    let least = most / 4;
+    let (v, fixed) = bench.run(&sweep(least, list[0]), None, 0.45)?;
+    let coarse = bench.judge(sweep(least, list[0]), (&v, fixed), &truth, against).relative_l2;
     let mut found: Vec<Shape> = Vec::new();
-    let mut at = 0;
+    let (mut at, mut a2, mut once) = (0, 0.0, 0.0);
     while let Some(&shape) = list.get(at) {
-        let (swept, seconds) = bench.run(&sweep(FEW, shape), None, 0.5 + 0.08 * at as f32)?;
-        let error = bench.judge(sweep(FEW, shape), (&swept, seconds), &few, "a march in the same directions").relative_l2;
-        let each = (seconds - fixed).max(0.0) / f64::from(FEW - FIXED);
-        found.push(Shape { near: shape.0, step: shape.1, error, seconds: [(seconds - each * f64::from(FEW)).max(0.0), each] });
-        if error * error <= 0.25 * budget {
+        let (v, seconds) = bench.run(&sweep(most, shape), None, 0.5 + 0.08 * at as f32)?;
+        let error = bench.judge(sweep(most, shape), (&v, seconds), &truth, against).relative_l2;
+        if at == 0 {
+            a2 = spread((least, coarse), (most, error));
+            let each = ((seconds - fixed) / f64::from(most - least)).max(0.0);
+            once = (fixed - each * f64::from(least)).max(0.0);
+        }
+        let each = (seconds - once).max(0.0) / f64::from(most);
+        let one = Shape::through(shape, (most, error), a2, [once, each]);
+        found.push(one);
+        if one.error * one.error <= 0.25 * budget || one.within(budget, LEAST).is_some_and(|(_, s)| s <= seconds) {
             break;
         }
         // Far off, the next shape would be too.
-        at += if error * error > 6.0 * budget { 2 } else { 1 };
+        at += if one.error * one.error > 4.0 * budget { 2 } else { 1 };
     }
 
     // What a march would cost, and what its steps cost in error.
@@ -184,17 +199,6 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     };
     plan.pick(tolerance / (1.0 + margin))?;
     plan.need = Need::of(volume, &plan.settings, request.pixels);
-    let law = plan.law;
-    plan.reasons.push(format!(
-        "{} directions: {} leave {:.4} of quadrature, {} leave {:.4}, {} about {:.4}",
-        plan.settings.directions,
-        FEW,
-        q[0].relative_l2,
-        MANY,
-        q[1].relative_l2,
-        plan.settings.directions,
-        law.error(plan.settings.directions)
-    ));
     if (bench.progress)("plan", 1.0).is_break() {
         return Err(Error::Cancelled);
     }
@@ -204,18 +208,20 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
 impl Plan {
     /// Takes the cheapest settings whose predicted error is `target`; says why.
     pub(super) fn pick(&mut self, target: f64) -> Result<()> {
-        let (law, packing) = (self.law, self.packing);
+        let packing = self.packing;
         let budget = target * target - packing * packing;
-        let swept =
-            self.shapes.iter().filter_map(|s| s.within(budget, &law, LEAST).map(|(n, t)| (Method::Sweep, n, s.near, s.step, s.error, t)));
-        let marched = self.marches.iter().filter_map(|&(step, error, each)| {
-            let n = law.directions(budget - error * error, LEAST).filter(|&n| n <= 2 * REFERENCE_DIRECTIONS)?;
-            Some((Method::March, n, 1, step, error, each * f64::from(n)))
+        let swept = self.shapes.iter().filter_map(|s| {
+            let (n, seconds) = s.within(budget, LEAST)?;
+            Some((Method::Sweep, n, s.near, s.step, s.law, s.error, seconds))
         });
-        let best = swept.chain(marched).min_by(|a, b| f64::total_cmp(&a.5, &b.5));
-        let Some((method, directions, near, step, own, seconds)) = best else {
+        let marched = self.marches.iter().filter_map(|&(step, own, each)| {
+            let n = self.law.directions(budget - own * own, LEAST).filter(|&n| n <= MOST_MARCHED)?;
+            Some((Method::March, n, 1, step, self.law, own, each * f64::from(n)))
+        });
+        let best = swept.chain(marched).min_by(|a, b| f64::total_cmp(&a.6, &b.6));
+        let Some((method, directions, near, step, law, own, seconds)) = best else {
             let least = self.marches.iter().map(|m| m.1 * m.1).fold(f64::INFINITY, f64::min);
-            let reach = (law.error(2 * REFERENCE_DIRECTIONS).powi(2) + least + packing * packing).sqrt() * (1.0 + self.margin);
+            let reach = (self.law.error(MOST_MARCHED).powi(2) + least + packing * packing).sqrt() * (1.0 + self.margin);
             return Err(unreachable(self.key, self.tolerance, reach, "no estimator comes closer here"));
         };
         self.settings = Visibility { method, directions, near, step, ..self.settings.clone() };
@@ -223,11 +229,13 @@ impl Plan {
         let error = (law.error(directions).powi(2) + own * own + packing * packing).sqrt();
         self.predicted = FieldError { relative_l2: error, interval: [error / (1.0 + self.margin), error * (1.0 + self.margin)] };
         let why = match method {
-            Method::Sweep => format!("the cheapest sweep: its slices and steps cost {own:.4} themselves"),
-            _ if self.shapes.iter().any(|s| s.within(budget, &law, LEAST).is_some()) => "a march is cheaper than any sweep here".into(),
-            _ => "no sweep comes close enough: a dense march".into(),
+            Method::Sweep => "the cheapest that meets it",
+            _ if self.shapes.iter().any(|s| s.within(budget, LEAST).is_some()) => "a march is cheaper than any sweep here",
+            _ => "no sweep comes close enough",
         };
-        self.reasons.push(format!("{}: {why}", described(&self.settings)));
+        let steps = if method == Method::Sweep { "slices and steps" } else { "steps" };
+        let q = law.error(directions);
+        self.reasons.push(format!("{}: {why}; {directions} directions leave about {q:.4}, its {steps} {own:.4}", name(method)));
         Ok(())
     }
 }

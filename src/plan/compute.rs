@@ -1,6 +1,7 @@
 //! The planned field, verified.
 
 use super::choose::unreachable;
+use super::law::Law;
 use super::{Candidate, Plan};
 use crate::engine::{Engine, Field, Medium, Progress};
 use crate::error::Result;
@@ -73,14 +74,16 @@ impl Plan {
     /// Corrects the laws by a field that missed, and picks anew.
     fn learn(&mut self, seen: &FieldError) -> Result<()> {
         let Visibility { method, near, step, directions, .. } = self.settings;
-        let (e, q) = (seen.relative_l2, self.law.error(directions));
-        let rest = (e * e - q * q - self.packing * self.packing).max(0.0).sqrt();
-        let own = match method {
-            Method::Sweep => self.shapes.iter_mut().find(|s| s.near == near && s.step == step).map(|s| &mut s.error),
-            _ => self.marches.iter_mut().find(|m| m.0 == step).map(|m| &mut m.1),
-        };
-        if let Some(own) = own {
-            *own = own.max(rest);
+        let e = seen.relative_l2;
+        let rest = |law: &Law| (e * e - law.error(directions).powi(2) - self.packing * self.packing).max(0.0).sqrt();
+        if method == Method::Sweep {
+            for s in self.shapes.iter_mut().filter(|s| s.near == near && s.step == step) {
+                s.error = s.error.max(rest(&s.law));
+            }
+        } else {
+            for m in self.marches.iter_mut().filter(|m| m.0 == step) {
+                m.1 = m.1.max(rest(&self.law));
+            }
         }
         // The interval of what was seen, and a little more, so that every attempt asks for more than the one before.
         let wide = seen.interval[1] / e.max(1e-12) - 1.0;

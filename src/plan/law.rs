@@ -33,21 +33,42 @@ impl Law {
     }
 }
 
-/// A sweep's shape as measured.
+/// A sweep's shape as measured: error² = q(N)² + b². Its q is less than that of a march, because handing transmittance from
+/// slice to slice spreads every direction a little.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Shape {
     pub near: u32,
     pub step: f32,
-    /// Its own error, without that of quadrature.
+    /// q(N) = a·N^−¾.
+    pub law: Law,
+    /// b, its own error.
     pub error: f64,
     /// Seconds: once, and per direction.
     pub seconds: [f64; 2],
 }
 
+/// The exponent of quadrature in a sweep's law.
+const SWEPT: f64 = 0.75;
+
+/// a² from the errors of one shape with two numbers of directions.
+pub(super) fn spread(few: (u32, f64), many: (u32, f64)) -> f64 {
+    let share = |n: u32| f64::from(n).powf(-2.0 * SWEPT);
+    ((few.1 * few.1 - many.1 * many.1) / (share(few.0) - share(many.0))).max(0.0)
+}
+
 impl Shape {
+    /// From its error with `n` directions and what [`spread`] found.
+    pub fn through((near, step): (u32, f32), (n, error): (u32, f64), a2: f64, seconds: [f64; 2]) -> Self {
+        let share = f64::from(n).powf(-2.0 * SWEPT);
+        // What is measured is at most all quadrature.
+        let q2 = (a2 * share).min(error * error);
+        let law = Law { a: (q2 / share).sqrt(), p: SWEPT };
+        Self { near, step, law, error: (error * error - q2).sqrt(), seconds }
+    }
+
     /// Directions and seconds with which this shape's error squared stays below `budget`.
-    pub fn within(&self, budget: f64, law: &Law, least: u32) -> Option<(u32, f64)> {
-        let n = law.directions(budget - self.error * self.error, least).filter(|&n| n <= MAX_SWEPT)?;
+    pub fn within(&self, budget: f64, least: u32) -> Option<(u32, f64)> {
+        let n = self.law.directions(budget - self.error * self.error, least).filter(|&n| n <= MAX_SWEPT)?;
         Some((n, self.seconds[0] + f64::from(n) * self.seconds[1]))
     }
 }
@@ -83,10 +104,15 @@ mod tests {
     #[test]
     fn a_shape_leaves_to_quadrature_what_it_does_not_take_itself() {
         let law = Law { a: 1.4, p: 0.75 };
-        let shape = |error| Shape { near: 1, step: 2.0, error, seconds: [0.5, 0.01] };
-        let (n, seconds) = shape(0.03).within(0.05 * 0.05, &law, 32).expect("within reach");
+        let total = |b: f64, n: u32| (law.error(n).powi(2) + b * b).sqrt();
+        let shape = |b: f64| {
+            let a2 = spread((32, total(b, 32)), (128, total(b, 128)));
+            Shape::through((1, 2.0), (128, total(b, 128)), a2, [0.5, 0.01])
+        };
+        assert!((shape(0.03).error - 0.03).abs() < 1e-9 && (shape(0.03).law.a - 1.4).abs() < 1e-9);
+        let (n, seconds) = shape(0.03).within(0.05 * 0.05, 32).expect("within reach");
         assert!((law.error(n).powi(2) + 0.03f64.powi(2)).sqrt() <= 0.05 && (seconds - 0.5 - 0.01 * f64::from(n)).abs() < 1e-12);
-        assert!(n > shape(0.0).within(0.05 * 0.05, &law, 32).expect("fewer").0);
-        assert_eq!(shape(0.05).within(0.05 * 0.05, &law, 32), None);
+        assert!(n > shape(0.0).within(0.05 * 0.05, 32).expect("fewer").0);
+        assert_eq!(shape(0.0501).within(0.05 * 0.05, 32), None);
     }
 }
