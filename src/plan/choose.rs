@@ -20,8 +20,8 @@ const REFERENCE_SECONDS: f64 = 20.0;
 const FEW: u32 = 64;
 const MANY: u32 = 256;
 
-/// Directions with which shapes of the sweep are measured, at least and at most; a sweep of a quarter of them goes before.
-const PILOT: [u32; 2] = [48, 256];
+/// Directions with which shapes of the sweep are measured, at least and at most; a sweep of a third of them goes before.
+const PILOT: [u32; 2] = [64, 256];
 
 /// What quadrature is taken for before it is known: q(N) = 1.2·N^−¾.
 const PRIOR: f64 = 1.2;
@@ -73,7 +73,8 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         let settings = Visibility { method: Method::Sweep, directions: LEAST, bits: request.bits.unwrap_or(8), ..base };
         let none = FieldError { relative_l2: 0.0, interval: [0.0; 2] };
         reasons.push("nothing to see: no cell lies near matter, so anything is exact".into());
-        let shape = Shape { near: settings.near, step: settings.step, law: Law { a: 0.0, p: 1.0 }, error: 0.0, seconds: [0.0; 2] };
+        let shape =
+            Shape { near: settings.near, step: settings.step, law: Law { a: 0.0, p: 1.0 }, error: 0.0, seen: None, seconds: [0.0; 2] };
         return Ok(Plan {
             need: Need::of(volume, &settings, request.pixels),
             settings,
@@ -145,7 +146,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     let list = shapes(ratio);
     bench.run(&sweep(1, list[0]), None, 0.4)?;
     let most = ((PRIOR / tolerance).powf(4.0 / 3.0) as u32).clamp(PILOT[0], PILOT[1]);
-    let least = most / 4;
+    let least = (most / 3).max(LEAST);
     let (v, fixed) = bench.run(&sweep(least, list[0]), None, 0.45)?;
     let coarse = bench.judge(sweep(least, list[0]), (&v, fixed), &truth, against).relative_l2;
     let mut found: Vec<Shape> = Vec::new();
@@ -166,6 +167,11 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         }
         // Far off, the next shape would be too.
         at += if one.error * one.error > 4.0 * budget { 2 } else { 1 };
+    }
+
+    let measured = found.clone();
+    for &shape in list.iter().filter(|l| !measured.iter().any(|f| (f.near, f.step) == **l)) {
+        found.extend(measured.last().map(|last| last.guess(shape)));
     }
 
     // What a march would cost, and what its steps cost in error.

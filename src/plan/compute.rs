@@ -1,7 +1,6 @@
 //! The planned field, verified.
 
 use super::choose::unreachable;
-use super::law::Law;
 use super::{Candidate, Plan};
 use crate::engine::{Engine, Field, Medium, Progress};
 use crate::error::Result;
@@ -75,14 +74,20 @@ impl Plan {
     fn learn(&mut self, seen: &FieldError) -> Result<()> {
         let Visibility { method, near, step, directions, .. } = self.settings;
         let e = seen.relative_l2;
-        let rest = |law: &Law| (e * e - law.error(directions).powi(2) - self.packing * self.packing).max(0.0).sqrt();
+        let own = (e * e - self.packing * self.packing).max(0.0);
         if method == Method::Sweep {
+            let mut learnt = None;
             for s in self.shapes.iter_mut().filter(|s| s.near == near && s.step == step) {
-                s.error = s.error.max(rest(&s.law));
+                s.learn(directions, own.sqrt());
+                learnt = Some(*s);
+            }
+            // What is only guessed is guessed by what was seen last.
+            if let Some(learnt) = learnt {
+                self.shapes.iter_mut().filter(|s| s.seen.is_none()).for_each(|s| *s = learnt.guess((s.near, s.step)));
             }
         } else {
             for m in self.marches.iter_mut().filter(|m| m.0 == step) {
-                m.1 = m.1.max(rest(&self.law));
+                m.1 = m.1.max((own - self.law.error(directions).powi(2)).max(0.0).sqrt());
             }
         }
         // The interval of what was seen, and a little more, so that every attempt asks for more than the one before.

@@ -43,6 +43,8 @@ pub(super) struct Shape {
     pub law: Law,
     /// b, its own error.
     pub error: f64,
+    /// The (N, error) that the law goes through; `None` for a shape that was not run, but is guessed by another.
+    pub seen: Option<(u32, f64)>,
     /// Seconds: once, and per direction.
     pub seconds: [f64; 2],
 }
@@ -63,7 +65,26 @@ impl Shape {
         // What is measured is at most all quadrature.
         let q2 = (a2 * share).min(error * error);
         let law = Law { a: (q2 / share).sqrt(), p: SWEPT };
-        Self { near, step, law, error: (error * error - q2).sqrt(), seconds }
+        Self { near, step, law, error: (error * error - q2).sqrt(), seen: Some((n, error)), seconds }
+    }
+
+    /// Another shape, guessed by this one: what more dense slices brought two CTs (b as near^−0.4), and cost.
+    /// What is computed by a guess is measured afterwards ([`super::Plan::compute`]).
+    pub fn guess(&self, (near, step): (u32, f32)) -> Self {
+        let taps = |near: u32, step: f32| 0.3 + f64::from(near) / f64::from(step);
+        let more = taps(near, step) / taps(self.near, self.step);
+        let error = self.error * (f64::from(self.near) / f64::from(near)).powf(0.4);
+        Self { near, step, error, seen: None, seconds: [self.seconds[0], self.seconds[1] * more], ..*self }
+    }
+
+    /// Takes a field of `n` directions with the error `e` (without packing) into account.
+    pub fn learn(&mut self, n: u32, e: f64) {
+        let a2 = match self.seen {
+            // Enough more directions than before to tell quadrature from the rest.
+            Some((m, before)) if 3 * n >= 4 * m => spread((m, before), (n, e)),
+            _ => self.law.a * self.law.a,
+        };
+        *self = Self::through((self.near, self.step), (n, e), a2, self.seconds);
     }
 
     /// Directions and seconds with which this shape's error squared stays below `budget`.
