@@ -20,8 +20,8 @@ const REFERENCE_SECONDS: f64 = 20.0;
 const FEW: u32 = 64;
 const MANY: u32 = 256;
 
-/// Directions with which shapes of the sweep are measured, at least and at most; a sweep of a third of them goes before.
-const PILOT: [u32; 2] = [64, 256];
+/// Directions with which shapes of the sweep are measured, at least and at most; a sweep of half of them goes before.
+const PILOT: [u32; 2] = [96, 256];
 
 /// What quadrature is taken for before it is known: q(N) = 1.2·N^−¾.
 const PRIOR: f64 = 1.2;
@@ -146,7 +146,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     let list = shapes(ratio);
     bench.run(&sweep(1, list[0]), None, 0.4)?;
     let most = ((PRIOR / tolerance).powf(4.0 / 3.0) as u32).clamp(PILOT[0], PILOT[1]);
-    let least = (most / 3).max(LEAST);
+    let least = most / 2;
     let (v, fixed) = bench.run(&sweep(least, list[0]), None, 0.45)?;
     let coarse = bench.judge(sweep(least, list[0]), (&v, fixed), &truth, against).relative_l2;
     let mut found: Vec<Shape> = Vec::new();
