@@ -74,10 +74,10 @@ fn what_is_settled_is_obeyed_and_what_is_out_of_reach_is_said() {
     // A thin volume takes a finer field.
     assert!(a.settings.ratio == 2, "{}", a.chosen());
     let eight = Request { bits: Some(8), ..request(Wanted::Tolerance(0.002)) };
-    for r in [eight, request(Wanted::Tolerance(0.0005))] {
-        let e = plan::choose(&engine, &volume, &medium, &r, &mut quiet).expect_err("out of reach").to_string();
-        assert!(e.starts_with("visibility.tolerance: ") && e.contains("out of reach") && e.contains("or more"), "{e}");
-    }
+    let e = plan::choose(&engine, &volume, &medium, &request(Wanted::Tolerance(0.0005)), &mut quiet).map(|_| ()).expect_err("too small");
+    assert!(e.to_string().contains("it must lie in 0.001..1"), "{e}");
+    let e = plan::choose(&engine, &volume, &medium, &eight, &mut quiet).map(|_| ()).expect_err("out of reach").to_string();
+    assert!(e.starts_with("visibility.tolerance: ") && e.contains("out of reach") && e.contains("or more"), "{e}");
     // Nothing there: nothing to measure.
     let (_, vacuum) = load(&engine, &volume, &linear(0.0));
     let mut plan = plan::choose(&engine, &volume, &vacuum, &free, &mut quiet).expect("plan");

@@ -46,7 +46,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         Wanted::Quality(_) => "visibility.quality",
     };
     let tolerance = request.wanted.tolerance();
-    if !(tolerance > 0.0 && tolerance <= 1.0) {
+    if !(0.001..=1.0).contains(&tolerance) {
         return Err(Error::Invalid { item: key, what: format!("{tolerance}"), right: "it must lie in 0.001..1, such as 0.05".into() });
     }
     let mut reasons = Vec::new();
@@ -169,9 +169,10 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         at += if one.error * one.error > 4.0 * budget { 2 } else { 1 };
     }
 
-    let measured = found.clone();
-    for &shape in list.iter().filter(|l| !measured.iter().any(|f| (f.near, f.step) == **l)) {
-        found.extend(measured.last().map(|last| last.guess(shape)));
+    // The dearer ones are guessed; cheaper ones that were passed over were too far off.
+    if let Some(&last) = found.last() {
+        let from = list.iter().position(|&s| s == (last.near, last.step)).unwrap_or(list.len());
+        found.extend(list.iter().skip(from + 1).map(|&shape| last.guess(shape)));
     }
 
     // What a march would cost, and what its steps cost in error.
