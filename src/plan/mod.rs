@@ -5,7 +5,8 @@
 //! [`crate::measure`]); a field at 1:8 is judged at its own cells. What is measured, at up to 256 cells near matter drawn
 //! apart from those that [`crate::measure::Plan`] draws:
 //!
-//! - the reference: `march`, 1,024 directions in steps of ½ voxel; 4,096 in ¼ voxel for tolerances below 0.03;
+//! - the reference: `march`, 1,024 directions in steps of ½ voxel (4,096 where matter is thin and scattered); 4,096 in ¼
+//!   voxel for tolerances below 0.03;
 //! - quadrature: `march` with two smaller numbers of directions, which gives q(N) = a·N^−p;
 //! - a sweep's own error b of each shape (near, step), by a sweep of few directions against a march with the same ones, so
 //!   that quadrature cancels, and its time: a fixed part and one per direction.
