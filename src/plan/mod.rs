@@ -8,8 +8,8 @@
 //! - the reference: `march`, 1,024 directions in steps of ½ voxel (4,096 where matter is thin and scattered); 4,096 in ¼
 //!   voxel for tolerances below 0.03;
 //! - quadrature: `march` with two smaller numbers of directions, which gives q(N) = a·N^−p;
-//! - a sweep's own error b of each shape (near, step), by a sweep of few directions against a march with the same ones, so
-//!   that quadrature cancels, and its time: a fixed part and one per direction.
+//! - the sweep, whole: one shape (near, step) with two numbers of directions, which gives its own q(N) and error b, then
+//!   dearer shapes as far as they are needed, each with its time: a fixed part and one per direction.
 //!
 //! Then error² = q(N)² + b² + packing², and the cheapest N and shape that stay within the tolerance are taken, with a
 //! margin for the 95 % interval; `march` where that is cheaper or no sweep is close enough. The computed field is measured
