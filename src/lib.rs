@@ -55,6 +55,7 @@ pub mod error;
 pub mod io;
 pub mod kernels;
 pub mod measure;
+pub mod plan;
 pub mod record;
 pub mod scene;
 pub mod stability;

@@ -125,7 +125,9 @@ fn every_key_is_read() {
     assert_eq!(s.image, image);
     // The table of keys and this file agree: no key of the table is forgotten here, but for the exclusive ones.
     for key in keys::KEYS {
-        let exclusive = ["transfer.file", "transfer.name", "transfer.range", "light.constant"].contains(&key.name);
+        let exclusive =
+            ["transfer.file", "transfer.name", "transfer.range", "light.constant", "visibility.tolerance", "visibility.quality"]
+                .contains(&key.name);
         assert_ne!(s.origins.keys.contains_key(key.name), exclusive, "{}", key.name);
     }
     let other =
@@ -439,6 +441,8 @@ fn background_and_light_turn_and_scale_alike() {
 fn a_scenes_text_is_the_same_scene_again() {
     let texts = [
         "[volume]\nfile = \"a.nrrd\"",
+        "[volume]\nfile = \"a.nrrd\"\n[visibility]\ntolerance = 0.07\nratio = 2",
+        "[volume]\nfile = \"a.nrrd\"\n[visibility]\nquality = \"fine\"\nbits = 16",
         "[volume]\nfile = \"/x/a.raw\"\ndims = [3, 4, 5]\ntype = \"int16\"\nspacing = [0.1, 0.2, 3.0]\nendian = \"big\"\noffset = 12\nnan_as = 0.1\n\
          [transfer]\nkind = \"extinction\"\nreference = \"side\"\npoints = [[1, 0.8, 0.7, 0.5, 0], [2.5, 0.1, 0.2, 0.3, 40]]\n\
          [surface]\niso = 1.7\nshading = \"isotropic\"\nalbedo = [0.1, 0.2, 0.3]\n\

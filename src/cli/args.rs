@@ -64,6 +64,7 @@ pub fn command() -> Command {
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
                 .arg(measure())
+                .args(wanted())
                 .args(scene_args(OF_FIELD))
                 .arg(nan_as()),
         )
@@ -72,6 +73,7 @@ pub fn command() -> Command {
                 .about("Render a scene")
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
+                .args(wanted())
                 .args(reference())
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),
@@ -144,6 +146,11 @@ pub fn overrides(matches: &ArgMatches) -> Result<Vec<(String, String)>, String> 
     }
     found.sort_by_key(|f| f.0);
     let mut overrides: Vec<_> = found.into_iter().map(|(_, key, value)| (key, value)).collect();
+    for (id, key) in [("tolerance", "visibility.tolerance"), ("quality", "visibility.quality")] {
+        if let Ok(Some(value)) = matches.try_get_one::<String>(id) {
+            overrides.push((key.into(), value.clone()));
+        }
+    }
     if let Ok(Some(value)) = matches.try_get_one::<String>("nan-as") {
         overrides.push(("volume.nan_as".into(), value.clone()));
     }
@@ -193,6 +200,22 @@ fn measure() -> Arg {
         .default_missing_value("60")
         .value_parser(parse_seconds)
         .help("measure the field's error against a dense reference, in about so many seconds of device time at most [60]")
+}
+
+/// What a plan is asked for, in short.
+fn wanted() -> [Arg; 2] {
+    [
+        Arg::new("tolerance")
+            .long("tolerance")
+            .value_name("ERROR")
+            .conflicts_with("quality")
+            .allow_negative_numbers(true)
+            .help("largest field error, such as 0.05: finds the cheapest settings that meet it, and says them beforehand"),
+        Arg::new("quality")
+            .long("quality")
+            .value_name("draft|normal|fine")
+            .help("the same in words: error 0.12 at 1:8, 0.06 at 1:4, 0.03 at 1:2"),
+    ]
 }
 
 /// Seconds above 0.

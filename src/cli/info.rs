@@ -138,7 +138,12 @@ fn about_scene(report: &mut Report, scene: &Scene, loaded: &load::Loaded) {
         ),
     }
     report.line("light", format!("{:?}", scene.light.source));
-    report.line("field", format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {:?}", v.coefficients(), v.directions, v.method));
+    match scene.wanted {
+        Some(wanted) => report.line("field", format!("planned when it is computed, for an error of {}", wanted.tolerance())),
+        None => {
+            report.line("field", format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {:?}", v.coefficients(), v.directions, v.method));
+        }
+    }
     report.line("memory", format!("{} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
     let (p, t) = (loaded.camera.position, loaded.camera.target);
     report.line("camera", format!("at {} towards {}, {} degrees", v3(p.to_array()), v3(t.to_array()), loaded.camera.fov_degrees));

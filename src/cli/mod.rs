@@ -9,6 +9,7 @@ mod info;
 mod light;
 mod load;
 mod output;
+mod plan;
 mod precompute;
 mod progress;
 mod reference;

@@ -5,6 +5,7 @@ use super::args::OF_FIELD;
 use super::fail::Failure;
 use super::load;
 use super::output::Kind;
+use super::plan;
 use super::progress::Progress;
 use super::render::{asked, finish, header, visibility, works};
 use super::report::Report;
@@ -19,16 +20,19 @@ use serde_json::json;
 /// `halflight precompute SCENE -o FIELD.nrrd [--measure[=SECONDS]]`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
-    let (scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
+    let (mut scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
     let budget = m.get_one::<f64>("measure").copied();
     let mut stages = vec![load::READ, "upload", "visibility", "write"];
     if budget.is_some() {
         stages.insert(3, "measure");
     }
+    if scene.wanted.is_some() {
+        stages.insert(2, plan::STAGE);
+    }
     let bar = Progress::new(&stages);
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let (medium, field) = visibility(&engine, &scene, &loaded, None, &bar, &mut report)?;
+    let (medium, field) = visibility(&engine, &mut scene, &loaded, None, &bar, &mut report)?;
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let mut meta = header(&scene, &engine, &spans);

@@ -6,6 +6,7 @@ use super::fail::Failure;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
 use super::path_of;
+use super::plan;
 use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
@@ -24,12 +25,16 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         return super::reference::render(context, m);
     }
     let mut report = context.report();
-    let (scene, output) = asked(m, PICTURES, OF_SCENE)?;
-    let bar = Progress::new(&[load::READ, "upload", "visibility", "relight", "render", "write"]);
+    let (mut scene, output) = asked(m, PICTURES, OF_SCENE)?;
+    let mut stages = vec![load::READ, "upload", "visibility", "relight", "render", "write"];
+    if scene.wanted.is_some() {
+        stages.insert(2, plan::STAGE);
+    }
+    let bar = Progress::new(&stages);
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
     let pixels = Some((scene.image.width, scene.image.height));
-    let (medium, field) = visibility(&engine, &scene, &loaded, pixels, &bar, &mut report)?;
+    let (medium, field) = visibility(&engine, &mut scene, &loaded, pixels, &bar, &mut report)?;
     bar.enter("relight");
     let lit = engine.relight(&field, &loaded.light)?;
     bar.enter("render");
@@ -74,41 +79,57 @@ pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(S
     Ok((scene, output))
 }
 
-/// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with a picture of `pixels`,
-/// before it starts.
+/// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with a picture of `pixels`
+/// under its light if there is to be one, before it starts. The scene then holds the settings that were used.
 pub fn visibility(
     engine: &Engine,
-    scene: &Scene,
+    scene: &mut Scene,
     loaded: &Loaded,
     pixels: Option<(usize, usize)>,
     bar: &Progress,
     report: &mut Report,
 ) -> Result<(Medium, Field), Failure> {
-    let (volume, grid, v) = (&loaded.volume, loaded.volume.grid(), &scene.visibility);
+    let (volume, grid) = (&loaded.volume, loaded.volume.grid());
     let ([x, y, z], [lo, hi], kind) = (grid.dims(), volume.range(), volume.samples().type_name());
     report.device(engine);
     report.line("volume", format!("{x}x{y}x{z} {kind}, {lo} to {hi}"));
     report.set("volume", json!({ "file": scene.volume.file.display().to_string(), "dims": [x, y, z], "type": kind, "range": [lo, hi] }));
-    let [fx, fy, fz] = grid.field_dims(v.ratio as usize);
-    let coefficients = v.coefficients();
-    let packing = if v.bits == 32 { "32-bit float".into() } else { format!("{} bits", v.bits) };
-    report.line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions", v.ratio, v.directions));
-    let need = engine.admit(volume, v, pixels).map_err(|e| scene.origins.blame(e))?;
-    report.needs(engine, need.peak());
+    if pixels.is_some() {
+        plan::bands(scene, loaded, report);
+    }
+    if scene.wanted.is_none() {
+        said(grid, &scene.visibility, report);
+        let need = engine.admit(volume, &scene.visibility, pixels).map_err(|e| scene.origins.blame(e))?;
+        report.needs(engine, need.peak());
+    }
     report.flush()?;
 
-    bar.plan(&works(v, &scene.image, grid));
+    let [visibility, render] = works(&scene.visibility, &scene.image, grid);
+    bar.plan(&[visibility, render, (plan::STAGE, visibility.1)]);
     bar.enter("upload");
     let on_device = engine.upload(volume)?;
     let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
-    bar.enter("visibility");
-    let field = engine.precompute(&medium, v, &mut bar.job()).map_err(|e| scene.origins.blame(e))?;
+    let field = match plan::field(engine, scene, loaded, &medium, pixels, bar, report)? {
+        Some(made) => made.field,
+        None => {
+            bar.enter("visibility");
+            engine.precompute(&medium, &scene.visibility, &mut bar.job()).map_err(|e| scene.origins.blame(e))?
+        }
+    };
+    let (v, coefficients) = (&scene.visibility, scene.visibility.coefficients());
     report.set(
         "field",
         json!({ "dims": field.dims(), "ratio": v.ratio, "coefficients": coefficients, "bits": v.bits, "bytes": field.bytes() }),
     );
     report.line("field", format!("{} packed", bytes(field.bytes())));
     Ok((medium, field))
+}
+
+/// Says what field there will be.
+fn said(grid: &Grid, v: &Visibility, report: &mut Report) {
+    let ([fx, fy, fz], coefficients) = (grid.field_dims(v.ratio as usize), v.coefficients());
+    let packing = if v.bits == 32 { "32-bit float".into() } else { format!("{} bits", v.bits) };
+    report.line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions", v.ratio, v.directions));
 }
 
 /// Trilinear taps of the long stages, roughly: what the bar shows as their shares.

@@ -9,7 +9,7 @@ use crate::scene::scene::{
     VolumeSettings, Windowing,
 };
 use crate::scene::transfer::{Kind, Reference, Transfer};
-use crate::scene::visibility::{Cells, Filter, Method, Sampling, Visibility};
+use crate::scene::visibility::{Cells, Filter, Method, Quality, Sampling, Visibility, Wanted};
 use glam::DVec3;
 use std::io::Read;
 use std::path::Path;
@@ -71,12 +71,14 @@ pub fn parse_scene(text: &str, origin: &str, folder: &Path, overrides: &Override
 fn build(mut s: Settings, volume: Option<&Path>) -> Result<Scene> {
     s.exclusive(&["light.probe"], &["light.constant"])?;
     s.exclusive(&["transfer.file", "transfer.name", "transfer.range"], &["transfer.points", "transfer.kind"])?;
+    let wanted = wanted(&mut s)?;
     Ok(Scene {
         volume: volume_settings(&s, volume)?,
         transfer: transfer(&s)?,
         surface: surface(&s)?,
         light: light(&s)?,
         visibility: visibility(&s)?,
+        wanted,
         camera: camera(&s)?,
         image: image(&s)?,
         origins: s.origins,
@@ -177,6 +179,30 @@ fn light(s: &Settings) -> Result<LightSettings> {
         scale: s.number("light.scale", 0.0..=1e6, "it must lie in 0..1e6")?.unwrap_or(default.scale),
         bands: s.integer("light.bands", 1..=4, "it must be 1 to 4")?.map_or(default.bands, |v| v as u32),
         window: s.choice("light.window", &windows)?.unwrap_or_default(),
+    })
+}
+
+/// A tolerance or a quality, in place of the settings that a plan finds; bands, cells, ratio and bits may stand beside it.
+fn wanted(s: &mut Settings) -> Result<Option<Wanted>> {
+    const FOUND: [&str; 7] = [
+        "visibility.method",
+        "visibility.directions",
+        "visibility.near",
+        "visibility.step",
+        "visibility.sampling",
+        "visibility.filter",
+        "visibility.growth",
+    ];
+    let tolerance = s.number("visibility.tolerance", 0.001..=1.0, "it must lie in 0.001..1, such as 0.05")?;
+    let qualities = [("draft", Quality::Draft), ("normal", Quality::Normal), ("fine", Quality::Fine)];
+    let quality = s.choice("visibility.quality", &qualities)?;
+    s.exclusive(&["visibility.tolerance"], &["visibility.quality"])?;
+    s.exclusive(&["visibility.tolerance"], &FOUND)?;
+    s.exclusive(&["visibility.quality"], &FOUND)?;
+    Ok(match (s.has("visibility.tolerance"), s.has("visibility.quality")) {
+        (true, _) => tolerance.map(Wanted::Tolerance),
+        (_, true) => quality.map(Wanted::Quality),
+        _ => None,
     })
 }
 

@@ -4,7 +4,7 @@
 use crate::scene::camera::Space;
 use crate::scene::scene::{Background, LightSource, Scene, Shading, TransferSource, Windowing};
 use crate::scene::transfer::{Kind, Reference};
-use crate::scene::visibility::{Cells, Filter, Method, Sampling};
+use crate::scene::visibility::{Cells, Filter, Method, Quality, Sampling, Visibility, Wanted};
 use toml::{Table, Value};
 
 /// The scene's text. Paths are as the scene holds them.
@@ -147,6 +147,27 @@ fn visibility(scene: &Scene) -> Table {
         Sampling::Stratified => "stratified",
         Sampling::Jittered => "jittered",
     };
+    if let Some(wanted) = scene.wanted {
+        // Only what stands beside a tolerance, where it was given.
+        let d = Visibility::default();
+        let given = |key: &str, other: bool| other || scene.origins.keys.contains_key(key);
+        let mut out = vec![match wanted {
+            Wanted::Tolerance(t) => ("tolerance", Value::Float(t)),
+            Wanted::Quality(Quality::Draft) => ("quality", word("draft")),
+            Wanted::Quality(Quality::Normal) => ("quality", word("normal")),
+            Wanted::Quality(Quality::Fine) => ("quality", word("fine")),
+        }];
+        let numbers = [("ratio", v.ratio, d.ratio), ("bands", v.bands, d.bands), ("bits", v.bits, d.bits)];
+        for (key, value, default) in numbers {
+            if given(&format!("visibility.{key}"), value != default) {
+                out.push((key, integer(value.into())));
+            }
+        }
+        if v.cells == Cells::All {
+            out.push(("cells", word("all")));
+        }
+        return table(out);
+    }
     table(vec![
         ("method", word(method)),
         ("ratio", integer(v.ratio.into())),

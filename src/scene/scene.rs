@@ -5,7 +5,7 @@ use super::light::{Light, Probe};
 use super::picture::Picture;
 use super::sh::Window;
 use super::transfer::{Kind, Reference, Transfer};
-use super::visibility::Visibility;
+use super::visibility::{Visibility, Wanted};
 use crate::error::{Error, Result};
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
@@ -24,6 +24,9 @@ pub struct Scene {
     pub light: LightSettings,
     /// `[visibility]`
     pub visibility: Visibility,
+    /// The tolerance or quality that `[visibility]` asks for: a plan replaces `visibility`'s settings, but for `bands` and
+    /// `cells`, and for `ratio` and `bits` where they are given.
+    pub wanted: Option<Wanted>,
     /// `[camera]`
     pub camera: CameraSettings,
     /// `[image]`
@@ -41,6 +44,7 @@ impl Scene {
             surface: None,
             light: LightSettings::default(),
             visibility: Visibility::default(),
+            wanted: None,
             camera: CameraSettings::default(),
             image: ImageSettings::default(),
             origins: Origins::default(),

@@ -51,6 +51,38 @@ pub enum Cells {
     All,
 }
 
+/// What a field is wanted for; a plan finds the settings (see [`crate::plan`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wanted {
+    /// Relative L2 error over the kept coefficients that the field must not exceed.
+    Tolerance(f64),
+    /// A word for a tolerance and a ratio.
+    Quality(Quality),
+}
+
+/// A tolerance and a ratio in a word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// Error 0.12, field 1:8.
+    Draft,
+    /// Error 0.06, field 1:4.
+    Normal,
+    /// Error 0.03, field 1:2.
+    Fine,
+}
+
+impl Wanted {
+    /// The error that the field must not exceed.
+    pub fn tolerance(self) -> f64 {
+        match self {
+            Self::Tolerance(t) => t,
+            Self::Quality(Quality::Draft) => 0.12,
+            Self::Quality(Quality::Normal) => 0.06,
+            Self::Quality(Quality::Fine) => 0.03,
+        }
+    }
+}
+
 /// Settings of a visibility field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visibility {
