@@ -250,7 +250,7 @@ fn reference() -> [Arg; 3] {
             .value_name("N")
             .value_parser(value_parser!(u32).range(1..=1 << 24))
             .requires("reference")
-            .help("most samples of a pixel of --reference (default: 65536)"),
+            .help("most samples of a pixel of --reference, in blocks of 16, at least 32 (default: 65536)"),
         Arg::new("seconds")
             .long("seconds")
             .value_name("S")

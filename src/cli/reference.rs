@@ -46,9 +46,13 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut picture = reference.picture;
     background(&scene, &loaded, &mut picture)?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
-    report.line("reference", format!("{samples} samples a pixel, relative standard error {error:.5}"));
+    let short = if error > settings.error { format!(", stopped before {}", settings.error) } else { String::new() };
+    report.line("reference", format!("{samples} samples a pixel, relative standard error {error:.5}{short}"));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
-    report.set("reference", json!({ "samples": samples, "relative_standard_error": error, "wanted": settings.error }));
+    report.set(
+        "reference",
+        json!({ "samples": samples, "relative_standard_error": error, "wanted": settings.error, "reached": error <= settings.error }),
+    );
     let spans = engine.take_timings();
     let mut meta = header(&scene, &engine, &spans);
     meta.push(("reference".into(), format!("{samples} samples a pixel, relative standard error {error:.6}")));

@@ -291,6 +291,8 @@ impl Engine {
                 right: format!("the field has {count} cells"),
             });
         }
+        let (_, scratch) = precompute_memory(medium.grid(), settings);
+        self.ask("the estimate", scratch, |_| "take a coarser ratio, or allow more memory".into())?;
         let mut tell = telling(settings, progress);
         tell(0.0)?;
         let mut out = Vec::with_capacity(cells.len());

@@ -23,7 +23,7 @@ const LANES: f64 = 8.0;
 /// When a reference picture is good enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceSettings {
-    /// Most samples of a pixel; taken in blocks of 16, so rounded up to those.
+    /// Most samples of a pixel; taken in blocks of 16, at least two, so rounded up to those.
     pub samples: u32,
     /// Relative standard error ([`Reference::relative_error`]) at which to stop; 0 takes all samples.
     pub error: f64,

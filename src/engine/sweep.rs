@@ -39,6 +39,8 @@ pub(super) struct Sweeper<'a> {
     tile_list: Buffer,
     ring: Option<Buffer>,
     pacer: Pacer,
+    /// Whether any cell is wanted.
+    wanted: bool,
     /// Whether nothing was added yet.
     begin: bool,
     /// Which cells are wanted, and their slots.
@@ -87,11 +89,28 @@ impl<'a> Sweeper<'a> {
         let tile_list = device.buffer_from("tiles", &tiles.list)?;
         let step_length = f64::from(settings.step) * grid.voxel_length();
         let pacer = Pacer::new(4, 1 << 16);
-        Ok(Self { engine, medium, settings, dims, step_length, tiles, tile_list, ring: None, pacer, begin: true, cell_map, sums })
+        Ok(Self {
+            engine,
+            medium,
+            settings,
+            dims,
+            step_length,
+            tiles,
+            tile_list,
+            ring: None,
+            pacer,
+            wanted: map.wanted > 0,
+            begin: true,
+            cell_map,
+            sums,
+        })
     }
 
     /// Adds directions to the sums. `tell` is given the fraction of the pass that is done.
     pub fn pass(&mut self, rays: &[Ray], tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<()> {
+        if !self.wanted {
+            return tell(1.0);
+        }
         let device = &self.engine.device;
         let (dims, near) = (self.dims, self.settings.near);
         let size = cell_size(self.medium.grid(), dims);
@@ -116,9 +135,10 @@ impl<'a> Sweeper<'a> {
         let most = (RING / ring_bytes(dims, near)).min(loops).clamp(1, 1 << 16) as u32;
         let batch = groups.iter().map(|g| g.count).max().unwrap_or(1).min(most);
         let ring_bytes = ring_bytes(dims, near) * u64::from(batch);
-        let ring = match self.ring.take() {
-            Some(ring) if ring.len_bytes() >= ring_bytes => ring,
-            _ => {
+        // A ring that is too small goes before the larger one comes.
+        let ring = match self.ring.take().filter(|ring| ring.len_bytes() >= ring_bytes) {
+            Some(ring) => ring,
+            None => {
                 let ring = device.buffer::<f32>("transmittance", (ring_bytes / 4) as usize)?;
                 let mut rec = device.record()?;
                 // A batch's first slices load nothing from it.
