@@ -12,7 +12,7 @@ use halflight::demo;
 use halflight::engine::{Engine, Lit, Medium, Options, Reference as ReferencePicture, ReferenceSettings};
 use halflight::record::Record;
 use halflight::scene::transfer::{Kind, Reference, Table};
-use halflight::scene::visibility::Method;
+use halflight::scene::visibility::{Cells, Method};
 use halflight::scene::{Camera, ImageSettings, Light, Matter, Picture, Probe, Shading, Sky, Surface, Transfer, Visibility, Volume};
 use halflight::stages::directions::Directions;
 use halflight::stages::raymarch::View;
@@ -76,7 +76,7 @@ impl Bench {
     }
 
     fn settings(&self, method: Method) -> Visibility {
-        Visibility { method, directions: DIRECTIONS, ..Visibility::default() }
+        Visibility { method, directions: DIRECTIONS, cells: Cells::All, ..Visibility::default() }
     }
 
     fn field_dims(&self) -> [usize; 3] {
