@@ -243,15 +243,8 @@ fn damaged_pictures_are_refused_in_a_sentence() {
 #[cfg(feature = "cli")]
 mod cli {
     use super::*;
+    use crate::common::run;
     use serde_json::Value;
-    use std::process::Command;
-
-    fn run(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
-        let out =
-            Command::new(env!("CARGO_BIN_EXE_halflight")).current_dir(folder).args(arguments).env_remove("RUST_LOG").output().unwrap();
-        let text = |b: Vec<u8>| String::from_utf8(b).unwrap();
-        (out.status.code().unwrap_or(-1), text(out.stdout), text(out.stderr))
-    }
 
     #[test]
     fn compare_says_and_draws_the_difference() {

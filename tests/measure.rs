@@ -264,16 +264,8 @@ fn a_report_survives_the_header() {
 
 #[cfg(feature = "cli")]
 mod cli {
+    use super::common::run;
     use serde_json::Value;
-    use std::path::Path;
-    use std::process::Command;
-
-    fn run(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
-        let out =
-            Command::new(env!("CARGO_BIN_EXE_halflight")).current_dir(folder).args(arguments).env_remove("RUST_LOG").output().unwrap();
-        let text = |b: Vec<u8>| String::from_utf8(b).unwrap();
-        (out.status.code().unwrap_or(-1), text(out.stdout), text(out.stderr))
-    }
 
     #[test]
     fn precompute_measures_says_and_stores_it() {

@@ -14,7 +14,7 @@ mod report;
 
 pub use field::{Errors, FieldError, errors, field_error};
 pub use picture::{Difference, compare, relative_rmse};
-use probes::draw;
+pub(crate) use probes::draw;
 pub use probes::{near_matter, probes};
 pub use report::{Budget, Plan, Report};
 

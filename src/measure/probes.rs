@@ -8,7 +8,7 @@ use crate::stages::twin;
 /// Field cells within two cells of matter (σ_t > 0 at a voxel), up to `count` of them, drawn at random without
 /// repetition from a fixed seed, ascending.
 pub fn probes(volume: &Volume, medium: &Medium, ratio: u32, count: usize) -> Vec<u32> {
-    let mut cells = draw(near_matter(volume, medium, ratio), count);
+    let mut cells = draw(near_matter(volume, medium, ratio), count, SEED);
     cells.sort_unstable();
     cells
 }
@@ -46,11 +46,14 @@ pub fn near_matter(volume: &Volume, medium: &Medium, ratio: u32) -> Vec<u32> {
     near.iter().enumerate().filter(|(_, n)| **n).map(|(i, _)| i as u32).collect()
 }
 
-/// Up to `count` of `cells`, at random without repetition from a fixed seed, in the order drawn: the first of many are the
+/// The seed of the probes.
+pub(crate) const SEED: u64 = 0x70_726f_6265;
+
+/// Up to `count` of `cells`, at random without repetition from `seed`, in the order drawn: the first of many are the
 /// few that a smaller count would draw.
-pub(super) fn draw(mut cells: Vec<u32>, count: usize) -> Vec<u32> {
+pub(crate) fn draw(mut cells: Vec<u32>, count: usize, seed: u64) -> Vec<u32> {
     // Fisher-Yates, as far as needed.
-    let mut random = SplitMix(0x70_726f_6265);
+    let mut random = SplitMix(seed);
     let count = count.min(cells.len());
     for i in 0..count {
         let j = i + (random.next() % (cells.len() - i) as u64) as usize;

@@ -7,7 +7,6 @@ use crate::error::{Error, Result};
 use crate::measure::{self, FieldError, REFERENCE_DIRECTIONS, REFERENCE_STEP, errors};
 use crate::scene::visibility::{Cells, Method, Quality, Sampling, Wanted};
 use crate::scene::{Grid, Visibility, Volume};
-use crate::stages::directions::SplitMix;
 use std::time::Instant;
 
 /// Cells that candidates are measured at, and the fewest.
@@ -68,7 +67,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         Cells::All => medium.grid().field_dims(ratio as usize).iter().product(),
         Cells::Matter => near.len(),
     };
-    bench.cells = draw(near, PROBES[0]);
+    bench.cells = measure::draw(near, PROBES[0], SEED);
     if bench.cells.is_empty() {
         let settings = Visibility { method: Method::Sweep, directions: LEAST, bits: request.bits.unwrap_or(8), ..base };
         let none = FieldError { relative_l2: 0.0, interval: [0.0; 2] };
@@ -310,17 +309,8 @@ fn half_width(e: &FieldError) -> f64 {
     if e.relative_l2 > 0.0 { (e.interval[1] / e.relative_l2 - 1.0).max(0.0) } else { 0.0 }
 }
 
-/// Up to `count` cells at random from a seed of the plan's own.
-fn draw(mut cells: Vec<u32>, count: usize) -> Vec<u32> {
-    let mut random = SplitMix(0x70_6c61_6e00);
-    let count = count.min(cells.len());
-    for i in 0..count {
-        let j = i + (random.next() % (cells.len() - i) as u64) as usize;
-        cells.swap(i, j);
-    }
-    cells.truncate(count);
-    cells
-}
+/// The seed of the plan's own cells: others than `--measure` draws.
+const SEED: u64 = 0x70_6c61_6e00;
 
 /// Runs candidates and keeps what they showed.
 struct Bench<'a, 'p> {

@@ -121,3 +121,12 @@ pub fn data(path: &str) -> Option<std::path::PathBuf> {
     println!("skipped: {path} is not here (real data lies beside the repository, never in it)");
     None
 }
+
+/// Runs the command in a folder: exit code, stdout, stderr.
+#[cfg(feature = "cli")]
+pub fn run(folder: &std::path::Path, arguments: &[&str]) -> (i32, String, String) {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_halflight"));
+    let out = command.current_dir(folder).args(arguments).env_remove("RUST_LOG").output().expect("the command runs");
+    let text = |b: Vec<u8>| String::from_utf8(b).expect("UTF-8");
+    (out.status.code().unwrap_or(-1), text(out.stdout), text(out.stderr))
+}
