@@ -8,20 +8,23 @@ use std::path::PathBuf;
 pub const OF_LIGHT: &[&str] = &["light.rotate", "light.scale", "light.bands", "light.window", "image.exposure"];
 
 /// What a visibility field depends on.
-pub const OF_FIELD: &[&str] = &["volume", "transfer", "surface", "visibility"];
+pub const OF_FIELD: &[&str] = &["volume", "transfer", "surface", "clip", "visibility"];
 
 /// What a volume alone depends on.
 pub const OF_VOLUME: &[&str] = &["volume"];
 
 /// All of a scene.
-pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "light", "visibility", "camera", "image"];
+pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility", "camera", "image"];
+
+/// All of a scene and its animation.
+pub const OF_FRAMES: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility", "camera", "image", "animation"];
 
 /// What a chart uses: the estimators' own settings are what it varies.
-pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
+pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility.ratio", "camera", "image"];
 
 /// What a reference picture depends on.
 pub const OF_REFERENCE: &[&str] =
-    &["volume", "transfer", "surface", "light.probe", "light.constant", "light.rotate", "light.scale", "camera", "image"];
+    &["volume", "transfer", "surface", "clip", "light.probe", "light.constant", "light.rotate", "light.scale", "camera", "image"];
 
 /// The whole command.
 pub fn command() -> Command {
@@ -309,6 +312,9 @@ fn value_name(key: &Key) -> &'static str {
         "[R, G, B]|light" => "R,G,B|light",
         "[LOW, HIGH]" => "LOW,HIGH",
         "[[S, R, G, B, A], …]" => "POINTS",
+        "[X0, Y0, Z0, X1, Y1, Z1]" => "X0,Y0,Z0,X1,Y1,Z1",
+        "[[NX, NY, NZ, D], …]" => "PLANES",
+        "[{KEYFRAME}, …]" => "KEYFRAMES",
         other => other,
     }
 }
@@ -331,7 +337,9 @@ fn heading(table: &str) -> &'static str {
         "surface" => "Scene: [surface]",
         "light" => "Scene: [light]",
         "visibility" => "Scene: [visibility]",
+        "clip" => "Scene: [clip]",
         "camera" => "Scene: [camera]",
+        "animation" => "Scene: [animation]",
         "image" => "Scene: [image]",
         _ => "Scene",
     }
@@ -402,7 +410,7 @@ mod tests {
         // Unknown keys are for the scene's reader to refuse.
         assert!(check_used(&given("light.scales"), OF_LIGHT, "`light`").is_ok());
         let tables: Vec<&str> = keys::tables();
-        assert_eq!(tables, OF_SCENE);
+        assert_eq!(tables, OF_FRAMES);
     }
 
     #[test]

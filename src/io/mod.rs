@@ -16,6 +16,7 @@ pub mod probe;
 mod raw;
 mod samples;
 pub mod scene;
+mod scene_animation;
 mod scene_text;
 mod settings;
 pub mod volume;
