@@ -3,8 +3,8 @@
 // gradient normal, through the SH product of visibility, light and clamped cosine (bands 0, 1, 2, 4, 6: exact for V and
 // L of 4 bands). A pixel's state stays in memory so that a long ray can be split over dispatches.
 // Blocks without matter are leapt over on the same sample positions (see raymarch.comp).
-// Counted: one texel per leap, one tap per step in blocks with matter, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 32 texels and 31 x 48
-// multiply-adds.
+// Counted: one texel per leap, one tap per step in blocks with matter, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 8 texels of
+// the directory, 32 of the field and 31 x 48 multiply-adds.
 // readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -16,6 +16,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
 #include "field.glsl"
+#include "field_bricks.glsl"
 layout(constant_id = 2) const uint LAMBERT = 1;
 layout(constant_id = 3) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 4) const uint RUN = 4;  // steps between two looks at the blocks
@@ -35,6 +36,7 @@ layout(set = 0, binding = 5, std430) readonly buffer View {
 layout(set = 0, binding = 6, std430) buffer State { vec4 state[]; };        // radiance, coverage
 layout(set = 0, binding = 7, std430) writeonly buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
 layout(set = 0, binding = 8) uniform sampler3D occupancy;
+layout(set = 0, binding = 9) uniform usampler3D bricks;
 
 layout(push_constant) uniform Params {
     vec3 origin;
@@ -127,12 +129,14 @@ void surface_visibility(vec3 n, vec3 normal, vec3 outward, out vec4 v[4]) {
                 for (int g = 0; g < 4; g++) v[g] += w * open[g];
                 weights += w;
             } else if (w > 0.0 && (vacuum || attempt == 1)) {
-                ivec3 p = ivec3(c);
+                uint brick = brick_of(bricks, ivec3(c));
+                weights += w;
+                if (brick < HELD) continue; // nobody computed it: dark
+                ivec3 p = texel_of(brick, ivec3(c), ivec3(field_dims.xyz));
                 v[0] += w * decode(texelFetch(field0, p, 0), 0u);
                 if (BANDS > 2) v[1] += w * decode(texelFetch(field1, p, 0), 1u);
                 if (BANDS > 2) v[2] += w * decode(texelFetch(field2, p, 0), 2u);
                 if (BANDS > 3) v[3] += w * decode(texelFetch(field3, p, 0), 3u);
-                weights += w;
             }
         }
         if (weights > 1e-4) {
