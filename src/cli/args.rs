@@ -20,7 +20,7 @@ pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "clip", "light"
 pub const OF_FRAMES: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility", "camera", "image", "animation"];
 
 /// What a chart uses: the estimators' own settings are what it varies.
-pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility.ratio", "camera", "image"];
+pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
 
 /// What a reference picture depends on.
 pub const OF_REFERENCE: &[&str] =
@@ -67,6 +67,7 @@ pub fn command() -> Command {
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
                 .arg(measure())
+                .arg(frame())
                 .args(wanted())
                 .args(scene_args(OF_FIELD))
                 .arg(nan_as()),
@@ -76,9 +77,40 @@ pub fn command() -> Command {
                 .about("Render a scene")
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
+                .arg(frame())
+                .arg(field())
                 .args(wanted())
                 .args(reference())
                 .args(scene_args(OF_SCENE))
+                .arg(nan_as()),
+        )
+        .subcommand(
+            Command::new("frames")
+                .about("Render a scene's animation as numbered pictures")
+                .arg(scene())
+                .arg(path("out", "FILE", "the pictures: out/f.####.exr or f.%04d.png").short('o').long("out").required(true))
+                .args(super::layers::args())
+                .arg(
+                    Arg::new("frames")
+                        .long("frames")
+                        .value_name("RANGE")
+                        .allow_hyphen_values(true)
+                        .help("7, 1-100, 1-100x2, 1-100:2, 1:100:5, 100-1, or several with commas: 5,10,20-24 (default: all)"),
+                )
+                .arg(flag("skip-existing", "keep pictures that are there, whole and of this scene"))
+                .arg(flag("quick", "preview: small pictures, a coarse field of few directions"))
+                .arg(flag("estimate", "render a few of the frames and say what all of them will cost"))
+                .arg(flag("no-reuse", "compute everything anew for each frame; the pictures are the same"))
+                .arg(field())
+                .arg(
+                    Arg::new("progress")
+                        .long("progress")
+                        .value_name("HOW")
+                        .value_parser(["auto", "tty", "lines", "openjd", "json", "none"])
+                        .default_value("auto")
+                        .help("a bar, a line per frame, what Open Job Description listens to, or JSON lines"),
+                )
+                .args(scene_args(OF_FRAMES))
                 .arg(nan_as()),
         )
         .subcommand(
@@ -192,6 +224,23 @@ fn global() -> Vec<Arg> {
             .help("say more on stderr; twice for still more")
             .global(true),
     ]
+}
+
+fn flag(id: &'static str, help: &'static str) -> Arg {
+    Arg::new(id).long(id).action(ArgAction::SetTrue).help(help)
+}
+
+fn frame() -> Arg {
+    Arg::new("frame")
+        .long("frame")
+        .value_name("N")
+        .value_parser(value_parser!(i64))
+        .allow_negative_numbers(true)
+        .help("the scene at this frame of its animation")
+}
+
+fn field() -> Arg {
+    path("field", "FILE", "take the visibility field from this file, which halflight precompute wrote for this scene").long("field")
 }
 
 fn measure() -> Arg {

@@ -82,7 +82,7 @@ impl Engine {
         let state = self.device.buffer::<[f32; 4]>("state", slots)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
-                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading);
+                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading).clipped(&medium.clip);
                 Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
             }
             _ => None,
@@ -124,6 +124,7 @@ impl Engine {
                             rising: encoding.scale > 0.0,
                             bands: settings.bands,
                             shading: surface.shading,
+                            clips: medium.clip.len() as u32,
                             leap,
                         };
                         isosurface::record(&mut rec, &inputs, &view, part, &state, depth)?;
