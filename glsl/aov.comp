@@ -27,6 +27,9 @@ layout(set = 0, binding = 7, std430) readonly buffer Frame {
     float unused;
 };
 
+layout(set = 0, binding = 8) uniform sampler3D occupancy;
+
+layout(constant_id = 3) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 0) const uint CLIPS = 0;   // clip planes
 layout(constant_id = 1) const uint SURFACE = 0; // 1: an isosurface
 layout(constant_id = 2) const uint GREY = 0;    // 1: the irradiance volume has one channel of light
@@ -46,26 +49,32 @@ layout(push_constant) uniform Params {
     uint rows;
     uint first_step;
     uint step_count;
+    uint bounds_x; // as raymarch.comp's
+    uint bounds_y;
+    uint bounds_z;
 };
 #include "medium.glsl"
 #include "clip.glsl"
 #include "view.glsl"
+#include "occupancy.glsl"
 #include "hit.glsl"
 
 const float DARK = 1e-3;  // transmittance at which a ray ends
 const float FIRST = 0.05; // opacity of the first hit
+const float FLAT = 1e-5;  // share of extinction by which rounding may change it
+const uint RUN = 8u;      // steps between two looks at the blocks
 
 float sigma_at(vec3 n) {
     return extinction(textureLod(volume, n, 0.0).r);
 }
 
-// Where extinction falls fastest, world, length 1; zero where it does not change.
+// Where extinction falls fastest, world, length 1; zero where it changes by no more than rounding.
 vec3 medium_normal(vec3 n, vec3 dims) {
     vec3 h = 1.0 / dims;
-    vec3 g = vec3(
-        sigma_at(n + vec3(h.x, 0.0, 0.0)) - sigma_at(n - vec3(h.x, 0.0, 0.0)),
-        sigma_at(n + vec3(0.0, h.y, 0.0)) - sigma_at(n - vec3(0.0, h.y, 0.0)),
-        sigma_at(n + vec3(0.0, 0.0, h.z)) - sigma_at(n - vec3(0.0, 0.0, h.z)));
+    vec3 after = vec3(sigma_at(n + vec3(h.x, 0.0, 0.0)), sigma_at(n + vec3(0.0, h.y, 0.0)), sigma_at(n + vec3(0.0, 0.0, h.z)));
+    vec3 before = vec3(sigma_at(n - vec3(h.x, 0.0, 0.0)), sigma_at(n - vec3(0.0, h.y, 0.0)), sigma_at(n - vec3(0.0, 0.0, h.z)));
+    vec3 g = after - before;
+    if (dot(abs(g), vec3(1.0)) <= FLAT * dot(after + before, vec3(1.0))) return vec3(0.0);
     vec3 w = -(mat3(voxel_to_world_normal) * g);
     float l = length(w);
     return l > 0.0 ? w / l : vec3(0.0);
@@ -130,27 +139,41 @@ void main() {
         vec3 p0 = (origin + d * begin) / dims;
         vec3 dn = d / dims;
         float transmittance = exp(-e.x);
-        for (uint i = first_step; i < end; i++) {
-            if (transmittance <= DARK) break;
-            float t = float(i) * step_length;
-            float ds = min(step_length, total - t);
-            vec3 p = p0 + dn * (t + 0.5 * ds);
-            float u = table_coordinate(textureLod(volume, p, 0.0).r);
-            uint k = min(uint(u), TABLE_SIZE - 2u);
-            float f = u - float(k);
-            float depth = mix(sigma[k], sigma[k + 1u], f) * ds;
-            if (depth > 0.0) {
-                float w = transmittance * opacity_of(depth);
-                float before = e.x;
-                vec4 light = textureLod(irradiance, p * window[0].xyz + window[1].xyz, 0.0);
-                a += w * vec4(medium_normal(p, dims), begin + t + 0.5 * ds);
-                b.rgb += w * mix(albedo[k].rgb, albedo[k + 1u].rgb, f);
-                c += w * vec4(max(GREY == 1 ? light.rrr : light.rgb, vec3(0.0)) * light_scale, GREY == 1 ? light.g : light.a);
-                e.x += depth;
-                e.y += w;
-                transmittance = exp(-e.x);
-                float needed = -log(1.0 - FIRST);
-                if (b.a < 0.0 && e.x >= needed) b.a = begin + t + ds * (needed - before) / depth;
+        vec3 q0 = origin + d * begin;
+        vec2 inside = matter_span(origin, d) - begin;
+        uint i = max(first_step, uint(clamp(inside.x / step_length - 2.0, 0.0, float(steps))));
+        end = min(end, uint(clamp(inside.y / step_length + 2.0, 0.0, float(steps))));
+        while (i < end && transmittance > DARK) {
+            if (SKIP == 1) {
+                while (i < end) {
+                    float t = float(i) * step_length;
+                    float steps = leap(q0 + d * (t + 0.5 * min(step_length, total - t)), d);
+                    if (steps == 0.0) break;
+                    i += uint(steps);
+                }
+            }
+            uint stop = min(i + RUN, end);
+            for (; i < stop && transmittance > DARK; i++) {
+                float t = float(i) * step_length;
+                float ds = min(step_length, total - t);
+                vec3 p = p0 + dn * (t + 0.5 * ds);
+                float u = table_coordinate(textureLod(volume, p, 0.0).r);
+                uint k = min(uint(u), TABLE_SIZE - 2u);
+                float f = u - float(k);
+                float depth = mix(sigma[k], sigma[k + 1u], f) * ds;
+                if (depth > 0.0) {
+                    float w = transmittance * opacity_of(depth);
+                    float before = e.x;
+                    vec4 light = textureLod(irradiance, p * window[0].xyz + window[1].xyz, 0.0);
+                    a += w * vec4(medium_normal(p, dims), begin + t + 0.5 * ds);
+                    b.rgb += w * mix(albedo[k].rgb, albedo[k + 1u].rgb, f);
+                    c += w * vec4(max(GREY == 1 ? light.rrr : light.rgb, vec3(0.0)) * light_scale, GREY == 1 ? light.g : light.a);
+                    e.x += depth;
+                    e.y += w;
+                    transmittance = exp(-e.x);
+                    float needed = -log(1.0 - FIRST);
+                    if (b.a < 0.0 && e.x >= needed) b.a = begin + t + ds * (needed - before) / depth;
+                }
             }
         }
     }

@@ -4,15 +4,15 @@ use super::session::{Paid, STAGES};
 use halflight::scene::scene::TransferSource;
 use halflight::scene::{Scene, Transfer};
 
-/// Whether each stage may be paid for again, from one frame's scene to the next.
-pub fn needs(before: Option<&Scene>, scene: &Scene) -> [bool; STAGES.len()] {
-    let Some(before) = before else { return [true; STAGES.len()] };
+/// Whether each stage may be paid for again, from one frame's scene to the next; `layers` are asked for or not.
+pub fn needs(before: Option<&Scene>, scene: &Scene, layers: bool) -> [bool; STAGES.len()] {
+    let Some(before) = before else { return [true, true, true, true, true, true, layers, true] };
     let volume = before.volume != scene.volume;
     let probe = before.light.source != scene.light.source;
     let matter = volume || before.transfer != scene.transfer || before.surface != scene.surface || before.clip != scene.clip;
     let absorbs = volume || before.clip != scene.clip || !same_extinction(before, scene);
     let field = absorbs || before.visibility != scene.visibility;
-    [volume || probe, volume, matter, field, field || before.light != scene.light, true, true, true]
+    [volume || probe, volume, matter, field, field || before.light != scene.light, true, layers, true]
 }
 
 /// Whether two scenes of one volume absorb alike, whatever their colours.
@@ -65,8 +65,7 @@ impl Forecast {
                 // Opening the device is paid for once, with the first upload.
                 sum += match self.seen[i] {
                     (seconds, count) if count > 0 => seconds / count as f64,
-                    // Layers that nobody asked for cost nothing.
-                    _ => self.first[i].unwrap_or(0.0),
+                    _ => self.first[i]?,
                 };
             }
         }

@@ -7,7 +7,7 @@ use super::forecast::{Forecast, needs};
 use super::frames_says::{Mode, Outcome, Sayer, stages};
 use super::layers::{Layers, Written};
 use super::output::{Folder, Output, PICTURES};
-use super::session::{Paid, Session};
+use super::session::{Paid, STAGES, Session};
 use super::{Context, load, path_of};
 use clap::ArgMatches;
 use halflight::error::{bytes, shown};
@@ -31,9 +31,18 @@ const QUICK_SIDE: usize = 320;
 
 /// `halflight frames SCENE -o 'out/f.####.exr' --frames 1-100x2`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mode = Mode::of(m.get_one::<String>("progress").map_or("auto", String::as_str), context.json);
+    rendered(context, m, mode).inspect_err(|failure| {
+        if mode == Mode::OpenJd {
+            let _ = super::report::say(&format!("openjd_fail: {}", failure.sentence));
+        }
+    })
+}
+
+fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure> {
     let signal = listen()?;
     let asked = Asked::of(m)?;
-    let mut sayer = Sayer::new(Mode::of(m.get_one::<String>("progress").map_or("auto", String::as_str), context.json), asked.frames.len());
+    let mut sayer = Sayer::new(mode, asked.frames.len());
     for line in &asked.said {
         sayer.line(line)?;
     }
@@ -305,12 +314,18 @@ impl Run<'_> {
         Ok(true)
     }
 
+    /// What each frame may pay for.
+    fn needs(&self) -> Vec<[bool; STAGES.len()]> {
+        let before = |i: usize| i.checked_sub(1).map(|b| &self.scenes[b]);
+        self.scenes.iter().enumerate().map(|(i, s)| needs(before(i), s, self.asked.written.behind())).collect()
+    }
+
     /// Says what the rest will cost, once enough is known.
     fn tell(&mut self, place: usize, sayer: &Sayer) -> Result<(), Failure> {
         if self.told.is_some() || self.asked.fresh {
             return Ok(());
         }
-        let needs: Vec<_> = self.scenes.iter().enumerate().map(|(i, s)| needs(i.checked_sub(1).map(|b| &self.scenes[b]), s)).collect();
+        let needs = self.needs();
         let last = self.asked.estimate && self.forecast.frames() == sample(self.scenes.len()).len();
         if !last && (self.asked.estimate || (self.forecast.frames() < MEASURED && !self.forecast.knows(&needs)) || place + 1 == needs.len())
         {
@@ -359,7 +374,7 @@ impl Run<'_> {
             report.set("estimate", json!({ "seconds": rest, "took": took }));
         }
         if let (true, Some((..))) = (self.asked.estimate, self.told) {
-            let needs: Vec<_> = self.scenes.iter().enumerate().map(|(i, s)| needs(i.checked_sub(1).map(|b| &self.scenes[b]), s)).collect();
+            let needs = self.needs();
             report.set("estimate", json!({ "seconds": self.forecast.seconds(&needs), "memory": self.session.estimate }));
         }
         report.set("written", json!(tally.written));

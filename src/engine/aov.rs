@@ -5,13 +5,14 @@ use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, ImageSettings};
 use crate::stages::aov::{self, Behind, Frame, Inputs, STATE};
+use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
 use crate::vk::Access;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Samples of one row in a dispatch, at most: each asks for a normal too.
-const ROW_SAMPLES: u32 = 1 << 20;
+const ROW_SAMPLES: u32 = 1 << 21;
 
 impl Engine {
     /// What lies behind each pixel of the picture that [`Engine::render`] makes of the same scene, row by row from the top.
@@ -43,7 +44,7 @@ impl Engine {
         }
         let step_length = image.step * grid.voxel_length();
         let steps = if surface.is_some() { 1 } else { (grid.diagonal() / step_length).ceil() as u64 + 1 };
-        let segment = (self.device.loop_limit() / 2).min((ROW_SAMPLES / width).max(64));
+        let segment = (self.device.loop_limit() / 3).min((ROW_SAMPLES / width).max(64));
         let most = ((STRIP / 4 / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
         self.ask("the picture's layers", 20 * STATE as u64 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
@@ -60,6 +61,11 @@ impl Engine {
         // A fresh buffer: the first dispatch writes without reading.
         rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
         rec.submit()?;
+        let leap = Leap {
+            distances: &medium.occupancy.distances,
+            bounds: if image.skip { medium.occupancy.bounds().unwrap_or_default() } else { [[0; 3], grid.dims()] },
+            skip: image.skip,
+        };
         let mut tell = |fraction: f64| match progress("layers", fraction as f32) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(Error::Cancelled),
@@ -77,7 +83,7 @@ impl Engine {
             }
             for first_step in (0..steps).step_by(segment as usize) {
                 let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length };
-                let inputs = Inputs { irradiance, window, frame: &frame, hits: &found, surface: surface.is_some() };
+                let inputs = Inputs { irradiance, window, frame: &frame, hits: &found, surface: surface.is_some(), leap };
                 let mut rec = self.device.record()?;
                 aov::record(&mut rec, &medium.view(), &inputs, &view, part, &state)?;
                 // The next part of the rays continues from this state.

@@ -10,7 +10,7 @@ use exr::image::{AnyChannel, AnyChannels, FlatSamples};
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, ReadChannels, ReadLayers, SmallVec, WritableImage, read};
 use half::f16;
-use std::io::Seek;
+use std::io::{Seek, Write};
 use std::path::Path;
 
 /// How an OpenEXR file stores its numbers.
@@ -82,7 +82,31 @@ pub fn write_exr_layers(path: &Path, picture: &Picture, more: &[ExrChannel], opt
     };
     let encoding = Encoding { compression, blocks: exr::image::Blocks::ScanLines, line_order: LineOrder::Increasing };
     let layer = Layer::new((picture.width, picture.height), attributes(meta)?, encoding, AnyChannels::sort(list));
-    write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
+    let mut file = std::io::Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut file).map_err(|e| trouble(path, "write", e))?;
+    let mut bytes = file.into_inner();
+    sort_attributes(&mut bytes);
+    write_aside(path, |out| out.write_all(&bytes).map_err(|source| Error::Io { path: path.to_owned(), action: "write", source }))
+}
+
+/// Brings the header's attributes into the order of their names: the writer hashes them, and the same picture must be the
+/// same bytes. Nothing changes its length, so that no offset does.
+fn sort_attributes(file: &mut [u8]) {
+    // Magic and version; then per attribute name, type (both end with a zero), length, value; then a zero.
+    let begin = 8;
+    let mut attributes: Vec<Vec<u8>> = Vec::new();
+    let mut at = begin;
+    while file.get(at).is_some_and(|&b| b != 0) {
+        let text = |from: usize| file[from..].iter().position(|&b| b == 0).map(|n| from + n + 1);
+        let Some(length_at) = text(at).and_then(text) else { return };
+        let Some(length) = file.get(length_at..length_at + 4).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes) else { return };
+        let end = length_at + 4 + length as usize;
+        let Some(attribute) = file.get(at..end) else { return };
+        attributes.push(attribute.to_vec());
+        at = end;
+    }
+    attributes.sort();
+    file[begin..at].copy_from_slice(&attributes.concat());
 }
 
 /// Whether `path` is a picture whose own entries `wanted` accepts (as [`super::write_exr`] and [`super::write_png`] wrote

@@ -3,6 +3,7 @@
 //! reaches [`FIRST`]. Of a surface: those of its one hit.
 
 use super::isosurface::Shade;
+use super::occupancy::Leap;
 use super::raymarch::{Part, View};
 use super::{MediumView, relight, twin};
 use crate::error::Result;
@@ -54,6 +55,8 @@ pub struct Inputs<'a> {
     pub hits: &'a Buffer,
     /// Whether there is a surface.
     pub surface: bool,
+    /// What rays leap by.
+    pub leap: Leap<'a>,
 }
 
 /// Records one part. `state` ([`STATE`] vec4 a pixel) is read and written; the caller puts barriers on it.
@@ -61,6 +64,7 @@ pub struct Inputs<'a> {
 /// # Errors
 /// What the recorder refuses.
 pub fn record(rec: &mut Recorder, medium: &MediumView, inputs: &Inputs, view: &View, part: Part, state: &Buffer) -> Result<()> {
+    let [bounds_x, bounds_y, bounds_z] = inputs.leap.packed();
     rec.dispatch(
         &kernel::Bindings {
             volume: medium.volume.sampled(),
@@ -71,10 +75,12 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, inputs: &Inputs, view: &V
             window: inputs.window,
             hits: inputs.hits,
             frame: inputs.frame,
+            occupancy: inputs.leap.distances.sampled(),
         },
         &kernel::Spec {
             clips: medium.clips,
             surface: inputs.surface.into(),
+            skip: inputs.leap.skip.into(),
             grey: (inputs.irradiance.format() == relight::format(true)).into(),
         },
         &kernel::Params {
@@ -92,6 +98,9 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, inputs: &Inputs, view: &V
             rows: part.rows,
             first_step: part.first_step,
             step_count: part.step_count,
+            bounds_x,
+            bounds_y,
+            bounds_z,
         },
         [part.width, part.rows, 1],
     )
@@ -175,8 +184,10 @@ pub fn reference(
             q[a] += by;
             f64::from(twin::extinction(table, twin::sample(volume, q)))
         };
-        let gradient = glam::DVec3::from_array([0, 1, 2].map(|a| sigma_at(a, 1.0) - sigma_at(a, -1.0)));
-        let normal = -(normals * gradient).normalize_or_zero();
+        let (after, before) = ([0, 1, 2].map(|a| sigma_at(a, 1.0)), [0, 1, 2].map(|a| sigma_at(a, -1.0)));
+        let gradient = glam::DVec3::from_array([0, 1, 2].map(|a| after[a] - before[a]));
+        let flat = gradient.abs().element_sum() <= 1e-5 * (after.iter().sum::<f64>() + before.iter().sum::<f64>());
+        let normal = if flat { glam::DVec3::ZERO } else { -(normals * gradient).normalize_or_zero() };
         let (albedo, light) = (twin::albedo(table, value), irradiance(p));
         for c in 0..3 {
             sums[0][c] += w * normal[c] as f32;
