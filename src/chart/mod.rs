@@ -180,7 +180,10 @@ pub fn stability(engine: &Engine, progress: &mut Progress) -> Result<Vec<Stabili
     let row = |row: &crate::stability::Row| StabilityRow {
         method: row.method.clone(),
         case: row.case.into(),
-        error: format!("{}: {:.3e}", row.what, row.value),
+        error: match row.value.abs() {
+            v if v == 0.0 || (1e-4..1e5).contains(&v) => format!("{}: {}", row.what, axis::number(row.value)),
+            _ => format!("{}: {:.2e}", row.what, row.value),
+        },
         verdict: verdict(row),
     };
     Ok(crate::stability::run(engine, progress)?.iter().map(row).collect())

@@ -106,7 +106,7 @@ pub fn packing(report: &Report) -> Chart {
             marks.iter_mut().zip(front).for_each(|(m, front)| m.front = front);
             let chains = (0..styles.len()).map(|style| (style * points.len()..(style + 1) * points.len()).collect()).collect();
             if !marks.is_empty() {
-                let title = format!("{}, 1:{}: {}", s.name, s.ratio, candidates::name(&v));
+                let title = format!("{}: {}", s.name, candidates::name(&v));
                 panels.push(Panel { title, marks, chains, ..Panel::default() });
             }
         }
