@@ -11,6 +11,7 @@ mod cache;
 mod canary;
 mod device;
 mod format;
+pub mod host;
 mod image;
 mod kernel;
 mod raw;

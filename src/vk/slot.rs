@@ -1,7 +1,7 @@
 //! What one recording needs of the device: a command buffer, a fence, descriptor and query pools. Reused from one to the next.
 
+use super::failed;
 use super::raw::Raw;
-use super::{failed, lock};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::sync::Arc;
@@ -96,12 +96,9 @@ impl Slot {
         let device = &self.raw.device;
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submits = [vk::SubmitInfo2::default().command_buffer_infos(&commands)];
-        // SAFETY: the command buffer is in recording; the fence is unsignalled and belongs to this slot; the queue is locked.
-        unsafe {
-            device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
-            let queue = lock(&self.raw.queue);
-            device.queue_submit2(*queue, &submits, self.fence).map_err(|e| lost(during, "vkQueueSubmit2", e))?;
-        }
+        // SAFETY: the command buffer is in recording.
+        unsafe { device.end_command_buffer(self.commands) }.map_err(failed("vkEndCommandBuffer"))?;
+        self.raw.submit(&submits, self.fence).map_err(|e| lost(during, "vkQueueSubmit2", e))?;
         self.pending = true;
         Ok(())
     }
