@@ -9,7 +9,9 @@ mod access;
 mod buffer;
 mod cache;
 mod canary;
+mod copy;
 mod device;
+mod foreign;
 mod format;
 pub mod host;
 mod image;
@@ -25,6 +27,7 @@ mod transfer_image;
 
 pub use access::{Access, Barrier, Half, Resource};
 pub use buffer::Buffer;
+pub use copy::CopySpan;
 pub use device::Device;
 pub use format::Format;
 pub use image::{Image, ImageDesc, Sampled, Storage};
@@ -33,6 +36,7 @@ pub use raw::Memory;
 pub use recorder::Recorder;
 pub use select::{DeviceInfo, DeviceKind, Options, devices};
 pub use timing::Span;
+pub use transfer_image::Piece;
 
 use crate::error::Error;
 use ash::vk;

@@ -42,8 +42,10 @@ pub(super) struct Raw {
     pub queue: Mutex<Queue>,
     /// Whether instance and device are ours to destroy.
     owned: bool,
-    /// Whether timeline semaphores may be used.
-    pub timeline: bool,
+    /// What is enabled.
+    pub features: Features,
+    /// Queue families that there are.
+    pub families: u32,
     pub names: Option<ash::ext::debug_utils::Device>,
     pub always_stage: bool,
     messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -194,8 +196,9 @@ impl Raw {
         let names = debug.then(|| ash::ext::debug_utils::Device::new(instance, &device));
         let budget = options.memory_budget.unwrap_or_else(|| default_budget(&info));
         let timestamp_bits = families.get(family as usize).map_or(0, |f| f.timestamp_valid_bits);
-        let timeline = false;
-        Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget, timeline })
+        let features = Features::REQUIRED;
+        let families = families.len() as u32;
+        Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget, features, families })
     }
 
     pub(super) fn of_parts(
@@ -217,7 +220,8 @@ impl Raw {
             timestamp_bits: parts.timestamp_bits,
             queue: Mutex::new(parts.queue),
             owned,
-            timeline: parts.timeline,
+            features: parts.features,
+            families: parts.families,
             names: parts.names,
             always_stage,
             messenger: parts.messenger,
@@ -345,7 +349,8 @@ pub(super) struct Parts {
     pub messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     pub allocator: Allocator,
     pub budget: u64,
-    pub timeline: bool,
+    pub features: Features,
+    pub families: u32,
 }
 
 pub(super) fn allocator(instance: &ash::Instance, device: &ash::Device, physical: vk::PhysicalDevice) -> Result<Allocator> {

@@ -1,7 +1,7 @@
 //! Function tables and the bottom of the pile, on a device that we did not make and do not destroy.
 
 use super::requirements::dotted;
-use super::{Features, GetInstanceProcAddr, HostDevice, HostQueue, Requirements};
+use super::{GetInstanceProcAddr, HostDevice, HostQueue, Requirements};
 use crate::error::{Error, Result};
 use crate::vk::raw::{self, Parts, Queue, Raw};
 use crate::vk::select::{self, Options};
@@ -122,7 +122,8 @@ impl Raw {
             budget: options.memory_budget.unwrap_or_else(|| raw::default_budget(&info)),
             info,
             limits,
-            timeline: parts.features.has(Features::TIMELINE_SEMAPHORE),
+            features: parts.features,
+            families: families.len() as u32,
         };
         Ok(Self::of_parts(None, instance, made, false, options.always_stage, Box::default()))
     }
