@@ -85,12 +85,12 @@ fn images_and_buffers_of_every_type_give_the_same_volume() {
         texels.fill(&commands, &source, vk::ImageLayout::GENERAL);
         commands.submit(None, clock.at(3));
         let mut image = texels.lent(vk::ImageLayout::GENERAL, |p| {
-            p.layout_after = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL.as_raw();
+            p.layout_after = vk::ImageLayout::TRANSFER_DST_OPTIMAL.as_raw();
             (p.wait, p.signal) = (clock.at(3), clock.at(4));
         });
         let brought = engine.upload_image(&mut image, &grid(), volume.rescale()).unwrap();
         assert!(image.handed_back() && clock.value() == 4);
-        assert_eq!(image.parts().layout, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL.as_raw());
+        assert_eq!(image.parts().layout, vk::ImageLayout::TRANSFER_DST_OPTIMAL.as_raw());
         assert_eq!(brought.range(), straight.range(), "{format:?}");
         assert_eq!(engine.read_ranges(&brought).unwrap(), occupancy::ranges(&volume), "{format:?}");
         assert!(same_bits(&frame(&engine, &brought, &matter()), &expected), "{format:?}");
@@ -98,7 +98,7 @@ fn images_and_buffers_of_every_type_give_the_same_volume() {
         // The host's image is where it was said to be, and as it was.
         let back = Bytes::new(&host, bytes.len() as u64);
         let commands = Commands::begin(&host);
-        texels.drain(&commands, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL, &back);
+        texels.drain(&commands, vk::ImageLayout::TRANSFER_DST_OPTIMAL, &back);
         commands.submit(clock.at(4), None);
         drop(commands);
         assert_eq!(back.read(), bytes);
