@@ -129,7 +129,7 @@ fn images_that_cannot_take_the_picture_are_refused() {
     let refused = |engine: &Engine, format, extent, change: &dyn Fn(&mut HostImageParts)| {
         let texels = Texels::new(&host, format, extent);
         let mut target = texels.lent(vk::ImageLayout::UNDEFINED, change);
-        let text = engine.render_to(&medium, &lit, &camera, &image, &mut target, &mut quiet).err().expect("refused").to_string();
+        let text = engine.render_to(&medium, &lit, &camera, &image, &mut target, &mut quiet).expect_err("refused").to_string();
         assert!(!target.handed_back(), "{text}");
         println!("{text}");
         text
@@ -151,7 +151,7 @@ fn images_that_cannot_take_the_picture_are_refused() {
     let (medium, lit, camera, image) = staged(&second, &volume, &demo::dvr().unwrap());
     let texels = Texels::new(&host, float, [80, 60, 1]);
     let mut target = texels.lent(vk::ImageLayout::UNDEFINED, |p| p.signal = clock.at(1));
-    let text = second.render_to(&medium, &lit, &camera, &image, &mut target, &mut quiet).err().expect("refused").to_string();
+    let text = second.render_to(&medium, &lit, &camera, &image, &mut target, &mut quiet).expect_err("refused").to_string();
     assert!(text.contains("timelineSemaphore"), "{text}");
     let mut target = texels.lent(vk::ImageLayout::UNDEFINED, |_| ());
     second.render_to(&medium, &lit, &camera, &image, &mut target, &mut quiet).unwrap();

@@ -89,12 +89,12 @@ impl Raw {
         // SAFETY: as above.
         let device = unsafe { ash::Device::load(instance.fp_v1_0(), device) };
         // SAFETY: as above.
-        let knows = |name: &&CStr| unsafe { instance.get_device_proc_addr(device.handle(), name.as_ptr()) }.is_some();
+        let knows = |name: &CStr| unsafe { instance.get_device_proc_addr(device.handle(), name.as_ptr()) }.is_some();
         if let Some(name) = LATE.iter().find(|name| !knows(name)) {
             return Err(lacks(format!("the function {}", name.to_string_lossy())));
         }
         let named =
-            parts.extensions.iter().any(|e| e.as_bytes() == ash::ext::debug_utils::NAME.to_bytes()) && NAMES.iter().all(|n| knows(&n));
+            parts.extensions.iter().any(|e| e.as_bytes() == ash::ext::debug_utils::NAME.to_bytes()) && NAMES.iter().all(|n| knows(n));
         let names = named.then(|| ash::ext::debug_utils::Device::new(&instance, &device));
         let queue = vk::DeviceQueueInfo2::default()
             .flags(vk::DeviceQueueCreateFlags::from_raw(taken.flags))
