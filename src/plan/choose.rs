@@ -1,6 +1,6 @@
 //! From what is asked for to settings, by measuring within a budget.
 
-use super::bench::{Bench, FLOOR_SECONDS, SHARE};
+use super::bench::{Bench, FLOOR_SECONDS, Run, SHARE};
 use super::law::{DOUBTS, LEAST, Law, STEPPED, Sweeps};
 use super::ratio::ratio;
 use super::truth::{CELLS, March, half_width, truth};
@@ -17,15 +17,16 @@ const MOST_MARCHED: u32 = 2 * REFERENCE_DIRECTIONS;
 /// Cells that may be measured altogether.
 const MOST_CELLS: usize = 4096;
 
-/// Directions of the pilots that tell what a march and a sweep cost.
-const PILOT: [u32; 2] = [16, 8];
+/// Directions of the pilots that tell what a march and a sweep cost. Fewer would not do for the sweep: its dispatches cost
+/// something however few directions they hold.
+const PILOT: [u32; 2] = [16, 32];
 
 /// A sweep's directions for a tolerance, and its seconds against those in the longest steps, before anything is known:
 /// what the budget of planning is taken from.
 const USUAL: [f64; 2] = [5.0, 1.45];
 
-/// Directions that a sweep is measured with: the more, the surer.
-const PAIRS: [[u32; 2]; 3] = [[64, 128], [48, 96], [32, 64]];
+/// Directions that the sweep is measured with after its pilot: the more, the surer.
+const SECOND: [u32; 3] = [128, 96, 64];
 
 /// Sweeps take a step that is off by at most this share of the tolerance.
 const SMALL: f64 = 0.3;
@@ -88,7 +89,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         dense_seconds: 0.0,
         wanted,
         law: Law { a: 0.0, p: 1.0 },
-        sweeps: Sweeps::new(Law { a: 0.0, p: 1.0 }, vec![(1.0, 0.0)], ratio, (1, 1.0), 0.0),
+        sweeps: Sweeps::new(Law { a: 0.0, p: 1.0 }, vec![(1.0, 0.0)], ratio, ((1, 1.0), 1.0), 0.0),
         marches: Vec::new(),
         packing: 0.0,
         margin: MARGIN[0],
@@ -109,8 +110,10 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     let (_, marched) = bench.run(&march)?;
     let marched = marched / (f64::from(PILOT[0]) * bench.cells.len() as f64);
     bench.warm(&sweep(1, (1, step)))?;
-    let (_, swept) = bench.run(&sweep(PILOT[1], (1, step)))?;
-    let swept = swept / f64::from(PILOT[1]);
+    // The first of the sweeps that are measured, too: all cells that may be taken are kept.
+    let shape = (1, step);
+    let mut first = bench.run_at(&sweep(PILOT[1], shape), &drawn[..drawn.len().min(CELLS[5])])?;
+    let swept = first.1 / f64::from(PILOT[1]);
     // A march in long steps takes a third of one in short ones.
     let usual = f64::min(USUAL[1] * swept, wanted * marched / 3.0) * (USUAL[0] / tolerance).max(f64::from(LEAST));
     bench.limit = f64::max(FLOOR_SECONDS, SHARE * usual);
@@ -121,38 +124,32 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     plan.law = known.law;
     plan.margin = known.margin.clamp(MARGIN[0], MARGIN[1]);
     let steps: Vec<(f32, f64)> = known.marches.iter().map(|m| (m.step, m.own[0])).collect();
-    plan.sweeps = Sweeps::new(known.law, steps.clone(), ratio, (1, step), swept);
-    plan.marches = known.marches;
-
-    // Sweeps in the longest step that costs little, but not in steps that many a thin wall falls through.
+    // Sweeps in the longest step that costs little, not in steps that thin walls fall through.
     let small = |s: &&(f32, f64)| s.0 <= step && STEPPED * s.1 <= SMALL * tolerance;
     let longest = steps.iter().find(small).or(steps.last()).map_or(step, |s| s.0);
-    let shape = (1, longest);
-    let each = plan.sweeps.each(shape);
-    plan.sweeps = Sweeps::new(known.law, steps.into_iter().filter(|s| s.0 <= longest).collect(), ratio, shape, each);
-    // One or two of a slice, then one of what is chosen, as far as there is time.
-    let most = plan.sweeps.directions(shape, tolerance * tolerance).unwrap_or(PAIRS[0][1]).max(PAIRS[2][1]);
-    let left = bench.left();
-    let cost = |pair: &[u32; 2]| f64::from(pair[0] + pair[1]) * each;
-    let pair = PAIRS.iter().find(|p| p[1] <= most && cost(p) <= 0.6 * left).or(PAIRS.last().filter(|p| cost(p) <= left));
+    plan.sweeps = Sweeps::new(known.law, steps, ratio, (shape, longest), swept);
+    // The pilot and one of more directions, then one of what is chosen, as far as there is time.
     let mut cut = known.cut;
-    let directions: Vec<u32> = match pair {
-        Some(pair) => pair.to_vec(),
-        None => {
-            let one = ((left / each) as u32 / 8 * 8).clamp(LEAST, PAIRS[2][1]);
-            let fits = f64::from(one) * each <= left.max(0.25 * bench.limit);
-            let of = if fits { format!("one sweep of {one} directions") } else { "no sweep".into() };
-            cut = Some(cut.map_or(of.clone(), |c| format!("{c}, {of}")));
-            if fits { vec![one] } else { Vec::new() }
-        }
-    };
+    first.0.truncate(known.v.len());
     let mut runs = Vec::new();
-    for n in directions {
-        let settings = sweep(n, shape);
-        let run = bench.run(&settings)?;
-        let error = bench.judge(&settings, &run, &known.v, "the reference");
-        plan.margin = plan.margin.max(half_width(&error)).clamp(MARGIN[0], MARGIN[1]);
+    let mut note = |bench: &mut Bench, margin: &mut f64, n: u32, run: &Run| {
+        let error = bench.judge(&sweep(n, shape), run, &known.v, "the reference");
+        *margin = margin.max(half_width(&error)).clamp(MARGIN[0], MARGIN[1]);
         runs.push((n, error.relative_l2, run.1));
+    };
+    note(&mut bench, &mut plan.margin, PILOT[1], &first);
+    let most = plan.sweeps.directions(shape, tolerance * tolerance).unwrap_or(SECOND[0]).max(SECOND[2]);
+    let left = bench.left();
+    let fits = |n: &u32| *n <= most && f64::from(*n) * swept <= if *n == SECOND[2] { left } else { 0.6 * left };
+    match SECOND.into_iter().find(fits) {
+        Some(n) => {
+            let run = bench.run(&sweep(n, shape))?;
+            note(&mut bench, &mut plan.margin, n, &run);
+        }
+        None => {
+            let of = format!("one sweep of {} directions", PILOT[1]);
+            cut = Some(cut.map_or(of.clone(), |c| format!("{c}, {of}")));
+        }
     }
     plan.sweeps.measured(&runs);
     let mut best = plan.best();
@@ -186,7 +183,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     (plan.cells, plan.truth, plan.dense) = (bench.cells, known.v, known.settings);
     plan.need = Need::of(volume, &plan.settings, request.pixels);
     // Planning has swept already.
-    plan.need.scratch = plan.need.scratch.max(Need::of(volume, &sweep(PILOT[1], (1, step)), request.pixels).scratch);
+    plan.need.scratch = plan.need.scratch.max(Need::of(volume, &sweep(PILOT[1], shape), request.pixels).scratch);
     Ok(plan)
 }
 

@@ -81,8 +81,9 @@ pub(super) struct Sweeps {
     steps: Vec<(f32, f64)>,
     /// Voxels per cell.
     ratio: u32,
-    /// The shape that was measured.
+    /// The shape that was measured, and the longest step that is taken.
     base: Shape,
+    longest: f32,
     /// Of one slice: quadrature, diffusion.
     quadrature: Law,
     diffusion: f64,
@@ -95,11 +96,11 @@ pub(super) struct Sweeps {
 }
 
 impl Sweeps {
-    /// Before a sweep was measured, but for the seconds of a direction of `base`.
-    pub fn new(march: Law, steps: Vec<(f32, f64)>, ratio: u32, base: Shape, seconds: f64) -> Self {
+    /// Before a sweep's error was measured, but for the seconds of a direction of `base`; with the longest step to take.
+    pub fn new(march: Law, steps: Vec<(f32, f64)>, ratio: u32, (base, longest): (Shape, f32), seconds: f64) -> Self {
         let p = march.p + STEEPER;
         let quadrature = Law { a: SHARE * march.error(40) * 40f64.powf(p), p };
-        Self { march, steps, ratio, base, quadrature, diffusion: DIFFUSION, seconds: [0.0, seconds], scale: 1.0, seen: Vec::new() }
+        Self { march, steps, ratio, base, longest, quadrature, diffusion: DIFFUSION, seconds: [0.0, seconds], scale: 1.0, seen: Vec::new() }
     }
 
     /// Takes runs of the base shape into account: (N, error, seconds), ascending. With two of them quadrature is measured
@@ -132,7 +133,7 @@ impl Sweeps {
 
     /// The shapes that there are.
     pub fn shapes(&self) -> impl Iterator<Item = Shape> {
-        NEAR.into_iter().flat_map(|near| self.steps.iter().map(move |s| (near, s.0)))
+        NEAR.into_iter().flat_map(|near| self.steps.iter().filter(|s| s.0 <= self.longest).map(move |s| (near, s.0)))
     }
 
     /// The predicted error with `n` directions.
@@ -220,7 +221,7 @@ mod tests {
     fn shapes_that_were_not_run_are_guessed_within_the_doubt_on_measured_volumes() {
         for (march, swept, other) in SEEN {
             let march = Law::through((32, march[0]), (128, march[1]));
-            let mut sweeps = Sweeps::new(march, vec![(1.0, 0.005), (2.0, 0.02)], 4, (1, 2.0), 0.01);
+            let mut sweeps = Sweeps::new(march, vec![(1.0, 0.005), (2.0, 0.02)], 4, ((1, 2.0), 2.0), 0.01);
             sweeps.measured(&[(32, swept[0], 0.4), (64, swept[1], 0.7)]);
             assert!((sweeps.error((1, 2.0), 64) - swept[1]).abs() < 1e-9);
             let guess = sweeps.error((2, 1.0), 96);

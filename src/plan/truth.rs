@@ -68,8 +68,8 @@ pub(super) fn truth(bench: &mut Bench, base: &Visibility, key: &'static str, tol
     let take = |bench: &mut Bench, count: usize| bench.cells = all[..count.min(all.len())].to_vec();
     // As many cells as there is time for with a usual reference.
     let ahead = f64::from(1024 + MANY + 2 * (FEW[0] + FEW[1]));
-    let allowed = PART * bench.limit;
-    let fits = |count: &&usize| **count as f64 * ahead * seconds <= allowed;
+    let allowed = bench.seconds + PART * bench.left();
+    let fits = |count: &&usize| **count as f64 * ahead * seconds <= PART * bench.left();
     let mut count = CELLS.iter().rev().find(fits).copied().unwrap_or(CELLS[0]).min(all.len());
     take(bench, count);
 
