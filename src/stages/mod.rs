@@ -2,6 +2,7 @@
 //! twin in plain loops. `twin` and `directions` hold what they share.
 
 pub mod aov;
+pub mod block_ranges;
 pub mod bricks;
 pub mod cells;
 pub mod classify;
@@ -16,9 +17,11 @@ pub mod occupancy;
 pub mod pack;
 pub mod raymarch;
 pub mod relight;
+pub mod resolve;
 pub mod sweep;
 pub mod trace;
 pub mod twin;
+pub mod widen;
 
 use crate::scene::{Grid, Samples, Volume};
 use crate::vk;
