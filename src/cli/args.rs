@@ -33,7 +33,7 @@ pub fn command() -> Command {
         .about("Natural light for scalar volumes: visibility in spherical harmonics, precomputed on any Vulkan device")
         .after_help(
             "Exit codes: 0 done, 1 internal error or validation messages, 2 wrong usage, 3 bad input or output file, \
-             4 no usable device, 5 out of memory, 6 device lost.",
+             4 no usable device, 5 out of memory, 6 device lost, 130 and 143 stopped by a signal.",
         )
         .subcommand_required(true)
         .arg_required_else_help(true)

@@ -337,7 +337,7 @@ impl Run<'_> {
         let memory = bytes(self.session.estimate);
         sayer.line(&match self.asked.estimate {
             true => format!("estimate: {} for {} frames, {memory} of device memory", duration(all), needs.len()),
-            false => format!("estimate: {} more for {} frames, {memory} of device memory", duration(rest), needs.len() - place - 1),
+            false => format!("estimate: {} more for what is left, {memory} of device memory", duration(rest)),
         })
     }
 
@@ -359,7 +359,9 @@ impl Run<'_> {
             let frames: Vec<i64> = tally.failed.iter().map(|f| f.0).collect();
             report.line("failed", frames_text(&frames));
         }
-        report.line("stages", tally.paid.text());
+        if tally.written > 0 {
+            report.line("stages", tally.paid.text());
+        }
         if let Some(engine) = self.session.engine() {
             let memory = engine.memory();
             report.line("memory", format!("{} at most, {} said beforehand", bytes(memory.peak), bytes(self.session.estimate)));
