@@ -2,6 +2,7 @@
 //! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
 
 mod budget;
+mod cost;
 mod occupancy;
 mod precompute;
 mod reference;
@@ -14,9 +15,10 @@ use crate::scene::{Grid, Light, Matter, Samples, Visibility, Volume};
 use crate::stages::{self, Encoding, MediumView, pack, relight};
 use crate::vk::{self, Access, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 pub use budget::Need;
+pub use cost::Cost;
 pub use occupancy::Occupancy;
 pub use precompute::{Pass, precompute_memory};
 pub use reference::{Reference, ReferenceSettings};
@@ -37,6 +39,15 @@ const SURFACE_DEPTH: f64 = 64.0;
 /// A Vulkan device with the kernels on it.
 pub struct Engine {
     device: vk::Device,
+    account: Mutex<Account>,
+}
+
+/// Device time that was seen.
+#[derive(Default)]
+struct Account {
+    /// Since it was last taken.
+    kept: Vec<Span>,
+    total: Vec<Span>,
 }
 
 /// A volume on the device. Clones share it.
@@ -108,6 +119,11 @@ impl Medium {
     /// The tables that the kernels look up.
     pub fn table(&self) -> &Table {
         &self.table
+    }
+
+    /// Whether it is an opaque surface.
+    pub fn has_surface(&self) -> bool {
+        self.matter.surface.is_some()
     }
 
     /// Which blocks hold matter.
@@ -188,7 +204,7 @@ impl Engine {
                 });
             }
         }
-        Ok(Self { device })
+        Ok(Self { device, account: Mutex::default() })
     }
 
     /// The device.
@@ -203,7 +219,38 @@ impl Engine {
 
     /// Device time per kernel since the last call.
     pub fn take_timings(&self) -> Vec<Span> {
-        self.device.take_timings()
+        std::mem::take(&mut self.settled().kept)
+    }
+
+    /// Gives back what was taken, for others to take.
+    pub fn put_timings(&self, spans: Vec<Span>) {
+        Self::merge_timings(&mut self.settled().kept, spans);
+    }
+
+    /// Device time per kernel since the engine was made.
+    pub fn total_timings(&self) -> Vec<Span> {
+        self.settled().total.clone()
+    }
+
+    /// Adds up spans by kernel.
+    pub fn merge_timings(into: &mut Vec<Span>, spans: impl IntoIterator<Item = Span>) {
+        for span in spans {
+            match into.iter_mut().find(|s| s.kernel == span.kernel) {
+                Some(sum) => {
+                    sum.calls += span.calls;
+                    sum.seconds += span.seconds;
+                }
+                None => into.push(span),
+            }
+        }
+    }
+
+    fn settled(&self) -> MutexGuard<'_, Account> {
+        let mut account = self.account.lock().unwrap_or_else(PoisonError::into_inner);
+        let new = self.device.take_timings();
+        Self::merge_timings(&mut account.kept, new.iter().cloned());
+        Self::merge_timings(&mut account.total, new);
+        account
     }
 
     /// What the validation layers complained of (with [`Options::validation`]).
