@@ -5,16 +5,16 @@
  *
  * Calls.    Every call returns HL_OK or another hl_status; the sentence to a negative one: hl_last_error. A call that
  *           fails creates nothing and sets the handles that it was to give to NULL. Nothing here exits or aborts.
- * Structs.  struct_size = sizeof the struct; every other member 0 means its default. Later versions append members: a
- *           longer struct than the library knows is taken if the rest is zero, a shorter one as if the rest were.
+ * Structs.  HL_INIT first: struct_size is the sizeof the struct, any other member 0 means its default. Later versions
+ *           append members: a longer struct than the library knows is taken if the rest is zero, a shorter one as if.
  * Handles.  NULL, destroyed and foreign ones give HL_ERROR_HANDLE. What a thing was made from may be destroyed before
  *           it. hl_engine_destroy stops the engine's jobs and destroys all that was made from it.
  * Threads.  Any call, from any thread. Engines know nothing of each other. Calls that need one engine's device run one
  *           after the other; a running job lets them in between two dispatches (about 0.1 s). Calls on jobs, on
  *           finished images, and hl_last_error never wait for the device.
  * Jobs.     What a running job (or blocking call) reads cannot be changed meanwhile: HL_ERROR_BUSY. It can be destroyed.
- * Callbacks run on the thread of the call or of the job. Within one, calls that would need the same engine's device, or
- *           wait for its jobs, return HL_ERROR_REENTRANT; hl_job_cancel, hl_job_poll and hl_last_error work.
+ * Callbacks run on the thread of the call or of the job. Within one, of the same engine only hl_job_poll, _cancel,
+ *           _timing, _get_field, _get_image and hl_last_error work; all else returns HL_ERROR_REENTRANT.
  * Units.    World coordinates are the data's own units; voxel i covers i..i+1. Radiance is linear RGB. Angles: degrees.
  *
  * C99 or C++. Layouts are those of the platform's C ABI; HL_ABI counts incompatible changes of them. */
@@ -22,6 +22,7 @@
 #define HALFLIGHT_H
 
 #include <stdint.h>
+#include <string.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -78,6 +79,9 @@ typedef struct hl_header {
     const void *next;
 } hl_header;
 
+/* Zeroes a struct and sets its size: all defaults. */
+#define HL_INIT(s) (memset(&(s), 0, sizeof(s)), (s).struct_size = (uint32_t)sizeof(s))
+
 /* ---- Engine ---------------------------------------------------------------------------------------------------- */
 
 #define HL_LOG_ERROR 1 /* also what the validation layers say */
@@ -132,8 +136,8 @@ hl_status hl_engine_get_device(const hl_engine *engine, hl_device_info *info);
 #define HL_FLOAT64 10
 
 #define HL_COPY 0   /* the data are copied before the call returns */
-#define HL_BORROW 1 /* they stay the caller's, valid and unchanged until `release` is called, exactly once; also when the
-                       call fails. They are read in place: at creation, and again by plans and error measurements. */
+#define HL_BORROW 1 /* they stay the caller's, valid and unchanged until `release` is called, exactly once (not at all if the
+                       call fails). They are read at creation, and again by plans and error measurements. */
 typedef void (*hl_release_fn)(void *user, const void *data);
 
 typedef struct hl_volume_info {
