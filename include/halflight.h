@@ -143,8 +143,8 @@ typedef void (*hl_release_fn)(void *user, const void *data);
 typedef struct hl_volume_info {
     uint32_t struct_size;
     int32_t struct_type;
-    const void *next;
-    const void *data; /* sample (0, 0, 0) */
+    const void *next; /* hl_vulkan_image or hl_vulkan_buffer: samples on the host's device */
+    const void *data; /* sample (0, 0, 0); NULL with `next` */
     uint32_t dims[3]; /* samples along x, y, z */
     int32_t type;
     int64_t strides[3]; /* bytes from a sample to the next along x, y, z; may be negative; all 0: packed, x fastest */
@@ -425,7 +425,7 @@ typedef struct hl_camera {
 typedef struct hl_render_info {
     uint32_t struct_size;
     int32_t struct_type;
-    const void *next; /* hl_vulkan_target: also into an image of the host's */
+    const void *next; /* hl_vulkan_image: into that image of the host's device, not to main memory */
     hl_field *field;
     hl_light *light; /* NULL: white */
     hl_camera camera;

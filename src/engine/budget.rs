@@ -28,7 +28,7 @@ impl Need {
         let grid = volume.grid();
         let (field, scratch) = precompute_memory(grid, settings);
         let cells: u64 = grid.field_dims(settings.ratio as usize).iter().map(|&n| n as u64).product();
-        let picture = pixels.map_or(0, |(w, h)| 8 * cells + 20 * (w as u64).saturating_mul(h as u64).min(super::render::STRIP as u64));
+        let picture = pixels.map_or(0, |(w, h)| 8 * cells + 36 * (w as u64).saturating_mul(h as u64).min(super::render::STRIP as u64));
         // While the occupancy is computed it takes some more, which is free again before the field is begun.
         let (occupancy, passing) = occupancy::bytes(volume);
         Self { volume: volume_bytes(volume) + occupancy + 20 * TABLE_SIZE as u64, field, scratch: scratch.max(passing), picture }

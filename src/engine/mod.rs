@@ -3,6 +3,7 @@
 
 mod budget;
 mod cost;
+pub mod host;
 mod occupancy;
 mod precompute;
 mod reference;
@@ -23,7 +24,7 @@ pub use occupancy::Occupancy;
 pub use precompute::{Pass, precompute_memory};
 pub use reference::{Reference, ReferenceSettings};
 
-pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
+pub use crate::vk::{DeviceInfo, DeviceKind, Memory, Options, Span, devices};
 
 /// Told the stage's name and the fraction 0..1 of the whole call that is done, before the first dispatch and after each;
 /// `Break` cancels ([`Error::Cancelled`]) before the next.
@@ -195,16 +196,14 @@ impl Engine {
     /// # Errors
     /// [`Error::NoDevice`], [`Error::DeviceLacks`].
     pub fn new(options: &Options) -> Result<Self> {
-        let device = vk::Device::new(options)?;
-        for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rg16Sfloat, Format::Rgba16Sfloat] {
-            if !device.supports_filtering(format) {
-                return Err(Error::DeviceLacks {
-                    device: device.info().name.clone(),
-                    lacks: format!("linear filtering of {format:?} images"),
-                });
-            }
+        Self::on(vk::Device::new(options)?)
+    }
+
+    fn on(device: vk::Device) -> Result<Self> {
+        match device.lacking(&host::requirements()) {
+            Some(lacks) => Err(Error::DeviceLacks { device: device.info().name.clone(), lacks }),
+            None => Ok(Self { device, account: Mutex::default() }),
         }
-        Ok(Self { device, account: Mutex::default() })
     }
 
     /// The device.

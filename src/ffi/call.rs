@@ -134,6 +134,11 @@ const MAX_STRUCT: usize = 1 << 12;
 
 /// Reads a struct of the size that it says it has.
 pub(super) fn read<T: Sized_>(item: &str, at: *const T) -> Result<T> {
+    read_as(item, at, 0)
+}
+
+/// Reads an extension.
+pub(super) fn read_as<T: Sized_>(item: &str, at: *const T, kind: i32) -> Result<T> {
     let size = size_of_struct(item, at)?;
     let mut value = std::mem::MaybeUninit::<T>::zeroed();
     let ours = size_of::<T>();
@@ -152,12 +157,9 @@ pub(super) fn read<T: Sized_>(item: &str, at: *const T) -> Result<T> {
     let value = unsafe { value.assume_init() };
     // SAFETY: every such struct begins with the header.
     let header: hl_header = unsafe { std::ptr::from_ref(&value).cast::<hl_header>().read() };
-    if header.struct_type != 0 {
-        return Err(Fault::invalid(
-            item,
-            format_args!("struct_type is {}", header.struct_type),
-            "it must be 0 here; zero the struct first",
-        ));
+    if header.struct_type != kind {
+        let what = format!("struct_type is {}", header.struct_type);
+        return Err(Fault::invalid(item, what, &format!("it must be {kind} here; HL_INIT or HL_INIT_AS sets it")));
     }
     Ok(value)
 }

@@ -1,13 +1,13 @@
 //! `hl_engine_*`, `hl_version`, `hl_last_error`.
 
 use super::abi::*;
-use super::call::{Scope, alone, copy_text, enter, fill, out, put, read, switch, text};
+use super::call::{Scope, copy_text, enter, fill, out, put, read, switch, text};
 use super::fault::{self, Fault, Result};
 use super::handle::{self, Object};
 use super::host::Host;
 use super::log::Log;
-use crate::engine::{Engine, Options};
-use crate::vk::DeviceKind;
+use super::vulkan;
+use crate::engine::{DeviceKind, Engine, Options};
 use std::ffi::{CStr, c_char};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -72,16 +72,17 @@ pub unsafe extern "C" fn hl_engine_create(info: *const hl_engine_info, engine: *
         let out = out("engine", engine)?;
         let info = if info.is_null() { None } else { Some(read("hl_engine_info", info)?) };
         let options = info.as_ref().map_or_else(|| Ok(Options::default()), options)?;
-        if let Some(info) = &info {
-            alone("hl_engine_info", info.next)?;
-        }
         let log = match &info {
             Some(i) => Log::new(i.log, i.log_user, i.log_level)?,
             None => Log::default(),
         };
         let id = handle::number();
-        let made = log.during(id, || Engine::new(&options))?;
-        let host = Arc::new(Host::new(id, made, log));
+        let next = info.as_ref().map_or(std::ptr::null(), |i| i.next);
+        let (made, guard) = log.during(id, || match next.is_null() {
+            true => Ok((Engine::new(&options)?, None)),
+            false => vulkan::open(id, next, &options),
+        })?;
+        let host = Arc::new(Host::new(id, made, log, guard));
         out.give_as(id, Arc::new(Owner(host)))
     })
 }

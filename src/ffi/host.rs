@@ -3,6 +3,7 @@
 use super::abi::*;
 use super::fault::{Fault, Result};
 use super::log::Log;
+use super::vulkan::Guard;
 use crate::engine::{Engine, Span};
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -23,6 +24,8 @@ pub(super) struct Host {
     pub jobs: Mutex<Vec<Weak<Job>>>,
     /// Validation messages that were handed to the log.
     told: AtomicUsize,
+    /// Of the host's queue; the engine goes before.
+    _guard: Option<Box<Guard>>,
 }
 
 /// Who is next, by number.
@@ -46,7 +49,7 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Host {
-    pub fn new(id: usize, engine: Engine, log: Log) -> Self {
+    pub fn new(id: usize, engine: Engine, log: Log, guard: Option<Box<Guard>>) -> Self {
         Self {
             id,
             engine: RwLock::new(Some(Arc::new(engine))),
@@ -56,6 +59,7 @@ impl Host {
             log,
             jobs: Mutex::default(),
             told: AtomicUsize::new(0),
+            _guard: guard,
         }
     }
 

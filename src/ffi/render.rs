@@ -1,13 +1,15 @@
 //! `hl_render*`: from a field and a light to a picture.
 
 use super::abi::*;
-use super::call::{Scope, alone, choice, enter, fill, finite, out, read};
+use super::abi_vulkan::hl_vulkan_image;
+use super::call::{Scope, choice, enter, fill, finite, out, read};
 use super::fault::{Fault, Result};
 use super::field::FieldCell;
 use super::host::{Host, InUse};
 use super::image::ImageCell;
 use super::job::{Body, Job, Progress, Work};
 use super::light::{LightCell, LightState};
+use super::vulkan;
 use crate::engine::ReferenceSettings;
 use crate::scene::camera::{CameraSettings, DEFAULT_FOV_DEGREES, Space};
 use crate::scene::scene::{MAX_SIDE, fill_background};
@@ -25,6 +27,8 @@ struct Request {
     camera: Camera,
     image: ImageSettings,
     reference: Option<ReferenceSettings>,
+    /// An image of the host's device, in place of one in main memory.
+    target: Option<Target>,
     progress: Progress,
 }
 
@@ -32,7 +36,7 @@ impl Request {
     fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_render_info) -> Result<Self> {
         let host = scope.engine(engine)?;
         let info = read("hl_render_info", info)?;
-        alone("hl_render_info", info.next)?;
+        let target = target(&info)?;
         let field = scope.get::<FieldCell>(info.field)?;
         let light = scope.optional::<LightCell>(info.light)?.map(InUse::new);
         let image = image(&info)?;
@@ -45,6 +49,7 @@ impl Request {
             camera,
             image,
             reference: reference(&info)?,
+            target,
             field,
             progress: Progress { callback: info.progress, user: info.user },
         })
@@ -58,6 +63,13 @@ impl Request {
         let engine = work.engine();
         work.step("relight", 0.0)?;
         let medium = &self.field.medium;
+        if let Some(Target(target)) = &self.target {
+            let lit = self.field.lit(&engine, &self.light.prepared())?;
+            let mut image = vulkan::host_image(target);
+            let done = engine.render_to(medium, &lit, &self.camera, &self.image, &mut image, &mut |stage, f| work.tell(stage, f));
+            vulkan::tell(target.handed_back, image.handed_back());
+            return Ok(done?);
+        }
         let (mut picture, samples) = match &self.reference {
             Some(settings) => {
                 let sky = self.light.sky()?;
@@ -88,6 +100,24 @@ impl Request {
         }
         Ok(())
     }
+}
+
+/// An image of the host's device.
+struct Target(hl_vulkan_image);
+
+// SAFETY: the header says that the image, and where its return is told, are the engine's until the job has ended.
+unsafe impl Send for Target {}
+
+fn target(info: &hl_render_info) -> Result<Option<Target>> {
+    if info.next.is_null() {
+        return Ok(None);
+    }
+    let image = vulkan::image("hl_render_info.next", info.next)?;
+    if info.background != HL_BACKGROUND_NONE || info.reference != 0.0 {
+        let right = "an image of the host's takes the picture with its coverage alone: lay it over a background there";
+        return Err(Fault::invalid("hl_render_info.background or reference", "is set", right));
+    }
+    Ok(Some(Target(image)))
 }
 
 fn camera(info: &hl_camera) -> Result<CameraSettings> {
@@ -148,13 +178,16 @@ fn reference(info: &hl_render_info) -> Result<Option<ReferenceSettings>> {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_render(engine: *mut hl_engine, info: *const hl_render_info, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image)?;
+        let out = if image.is_null() { None } else { Some(out("image", image)?) };
         let request = Request::of(scope, engine, info)?;
+        if out.is_none() && request.target.is_none() {
+            return Err(Fault::invalid("image", "is NULL", "a place for the handle is needed, or an image of the host's device"));
+        }
         let (host, progress) = (request.host.clone(), request.progress);
         let job = Job::run(&host, progress, request.body())?;
-        match job.image() {
-            Some(image) => out.give(image),
-            None => Err(Fault::new(HL_ERROR_INTERNAL, "render: it made no picture")),
+        match (out, job.image()) {
+            (Some(out), Some(image)) => out.give(image),
+            _ => Ok(HL_OK),
         }
     })
 }

@@ -1,11 +1,12 @@
 //! `hl_volume_*`: samples in host memory, copied or borrowed, and on the device.
 
 use super::abi::*;
-use super::call::{alone, choice, enter, finite, out, put, read, switch};
+use super::call::{choice, enter, finite, out, put, read, switch};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::Host;
 use super::log::{Borrowed, Release};
+use super::vulkan;
 use crate::engine::DeviceVolume;
 use crate::io::{self, ReadOptions, SampleType};
 use crate::scene::{Grid, Samples, Volume};
@@ -24,6 +25,8 @@ pub(super) struct VolumeCell {
 enum Source {
     Own(Arc<Volume>),
     Borrowed(Layout, Borrowed),
+    /// Only on the device.
+    None,
 }
 
 impl Object for VolumeCell {
@@ -41,6 +44,10 @@ impl VolumeCell {
         match &self.source {
             Source::Own(volume) => Ok(volume.clone()),
             Source::Borrowed(layout, memory) => layout.volume(memory.data.cast()).map(Arc::new),
+            Source::None => {
+                let what = "came from the host's device";
+                Err(Fault::invalid("volume", what, "plans and error measurements need samples in main memory"))
+            }
         }
     }
 
@@ -174,7 +181,9 @@ pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const h
         let out = out("volume", volume)?;
         let host = scope.engine(engine)?;
         let info = read("hl_volume_info", info)?;
-        alone("hl_volume_info", info.next)?;
+        if !info.next.is_null() {
+            return out.give(from_device(&host, &info)?);
+        }
         if info.data.is_null() {
             return Err(Fault::invalid("hl_volume_info.data", "is NULL", "samples are needed"));
         }
@@ -192,6 +201,19 @@ pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const h
         }
         out.give(cell)
     })
+}
+
+/// A volume from an image or a buffer of the host's device.
+fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell>> {
+    if !info.data.is_null() {
+        return Err(Fault::invalid("hl_volume_info.data", "stands beside an image or buffer", "set it to NULL"));
+    }
+    let source = vulkan::Source::of(info.next)?;
+    let (grid, slope) = (grid(info)?, if info.slope == 0.0 { 1.0 } else { info.slope });
+    let turn = host.turn()?;
+    let rescale = (slope, info.intercept);
+    let device = host.log.during(host.id, || source.upload(turn.engine(), info.r#type, &grid, rescale))?;
+    Ok(Arc::new(VolumeCell { host: host.clone(), device, source: Source::None }))
 }
 
 #[unsafe(no_mangle)]

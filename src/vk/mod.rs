@@ -9,8 +9,11 @@ mod access;
 mod buffer;
 mod cache;
 mod canary;
+mod copy;
 mod device;
+mod foreign;
 mod format;
+pub mod host;
 mod image;
 mod kernel;
 mod raw;
@@ -24,6 +27,7 @@ mod transfer_image;
 
 pub use access::{Access, Barrier, Half, Resource};
 pub use buffer::Buffer;
+pub use copy::CopySpan;
 pub use device::Device;
 pub use format::Format;
 pub use image::{Image, ImageDesc, Sampled, Storage};
@@ -32,6 +36,7 @@ pub use raw::Memory;
 pub use recorder::Recorder;
 pub use select::{DeviceInfo, DeviceKind, Options, devices};
 pub use timing::Span;
+pub use transfer_image::Piece;
 
 use crate::error::Error;
 use ash::vk;

@@ -2,8 +2,10 @@
 
 use super::access::{Meaning, Need, State, Target};
 use super::buffer::BufferInner;
+use super::foreign::{Foreign, Semaphores, ours};
 use super::image::{ImageInner, range};
 use super::kernel::BindingInfo;
+use super::raw::Raw;
 use super::slot::Slot;
 use super::{Access, Barrier, Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
 use crate::error::{Error, Result};
@@ -26,6 +28,8 @@ pub struct Recorder {
     wrong: Option<Error>,
     /// Kernel of each pair of timestamps.
     dispatched: Vec<&'static str>,
+    /// What comes with borrowed resources that are taken or given back here.
+    semaphores: Semaphores,
 }
 
 /// One buffer or image level that this recorder touched.
@@ -34,10 +38,12 @@ struct Entry {
     kept: Kept,
     before: State,
     now: State,
+    /// Whether it went back to its owner in this recording.
+    given_back: bool,
 }
 
 #[derive(Clone)]
-enum Kept {
+pub(super) enum Kept {
     Buffer(Arc<BufferInner>),
     Image(Arc<ImageInner>, u32),
 }
@@ -58,6 +64,20 @@ impl Kept {
         }
     }
 
+    fn foreign(&self) -> Option<&Foreign> {
+        match self {
+            Self::Buffer(b) => b.foreign.as_ref(),
+            Self::Image(i, _) => i.foreign.as_ref(),
+        }
+    }
+
+    fn raw(&self) -> &Arc<Raw> {
+        match self {
+            Self::Buffer(b) => &b.raw,
+            Self::Image(i, _) => &i.raw,
+        }
+    }
+
     fn describe(&self) -> String {
         match self {
             Self::Buffer(b) => format!("buffer '{}'", b.name),
@@ -69,7 +89,14 @@ impl Kept {
 impl Recorder {
     pub(super) fn new(device: &Device) -> Result<Self> {
         let slot = device.slot()?;
-        Ok(Self { device: device.clone(), slot, ledger: HashMap::new(), wrong: None, dispatched: Vec::new() })
+        Ok(Self {
+            device: device.clone(),
+            slot,
+            ledger: HashMap::new(),
+            wrong: None,
+            dispatched: Vec::new(),
+            semaphores: Semaphores::default(),
+        })
     }
 
     /// Runs a kernel over `threads` invocations, rounded up to whole work groups: the kernel checks its bounds.
@@ -134,11 +161,14 @@ impl Recorder {
     pub fn barrier(&mut self, barriers: &[Barrier<'_>]) {
         let mut buffers = Vec::new();
         let mut images = Vec::new();
+        // Borrowed images change owner and layout one after the other.
+        let mut second = Vec::new();
+        let ours = self.device.0.raw.family;
         for barrier in barriers {
-            if barrier.to == Access::None {
+            if barrier.to == Access::None || (barrier.from == Access::Foreign && barrier.to == Access::Foreign) {
                 self.wrong.get_or_insert_with(|| Error::Invalid {
                     item: "barrier",
-                    what: String::from("leads to no access"),
+                    what: String::from("leads to no access of ours"),
                     right: String::from("name the access that comes next"),
                 });
                 continue;
@@ -146,6 +176,10 @@ impl Recorder {
             match barrier.resource.target {
                 Target::Buffer(buffer) => {
                     self.pass(&Kept::Buffer(buffer.inner.clone()), barrier);
+                    if let Some(foreign) = buffer.inner.foreign.as_ref().filter(|_| barrier.changes_hands()) {
+                        buffers.push(foreign.of_buffer(buffer.inner.handle, ours, barrier.from, barrier.to));
+                        continue;
+                    }
                     buffers.push(buffer_barrier(buffer.inner.handle, barrier.from.meaning(false), barrier.to.meaning(false)));
                 }
                 Target::Image { image, base, count } => {
@@ -160,15 +194,24 @@ impl Recorder {
                     for level in base..base + count {
                         self.pass(&Kept::Image(image.inner.clone(), level), barrier);
                     }
+                    if let Some(foreign) = image.inner.foreign.as_ref().filter(|_| barrier.changes_hands()) {
+                        let mut both = foreign.of_image(image.inner.handle, ours, barrier.from, barrier.to).into_iter();
+                        images.extend(both.next());
+                        second.extend(both);
+                        continue;
+                    }
                     images.push(image_barrier(image.inner.handle, base, count, barrier.from.meaning(true), barrier.to.meaning(true)));
                 }
             }
         }
-        let info = vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
-        // A recording with a wrong barrier is never submitted.
-        if self.wrong.is_none() {
-            // SAFETY: the command buffer is in recording; the resources are kept alive by the ledger.
-            unsafe { self.device.0.raw.device.cmd_pipeline_barrier2(self.slot.commands, &info) };
+        let first = vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
+        let then = vk::DependencyInfo::default().image_memory_barriers(&second);
+        for info in [first].into_iter().chain((!second.is_empty()).then_some(then)) {
+            // A recording with a wrong barrier is never submitted.
+            if self.wrong.is_none() {
+                // SAFETY: the command buffer is in recording; the resources are kept alive by the ledger.
+                unsafe { self.device.0.raw.device.cmd_pipeline_barrier2(self.slot.commands, &info) };
+            }
         }
     }
 
@@ -180,6 +223,7 @@ impl Recorder {
         if let Some(error) = self.wrong.take() {
             return Err(error);
         }
+        ours(buffer.inner.foreign.as_ref(), &buffer.inner.name)?;
         let kept = Kept::Buffer(buffer.inner.clone());
         let entry = self.entry(&kept);
         let had = entry.now;
@@ -217,10 +261,13 @@ impl Recorder {
             }
         }
         let during = self.dispatched.last().map_or_else(|| String::from("barriers"), |k| format!("kernel '{k}'"));
-        self.slot.submit(&during)?;
+        self.slot.submit(&during, &self.semaphores)?;
         self.slot.wait(&during)?;
         for entry in self.ledger.values() {
             *lock(entry.kept.state()) = entry.now;
+            if let Some(foreign) = entry.kept.foreign().filter(|_| entry.given_back) {
+                foreign.note_given_back();
+            }
         }
         let clock = self.device.0.clock;
         let ticks = if clock.timed() { self.slot.timestamps()? } else { Vec::new() };
@@ -253,12 +300,50 @@ impl Recorder {
     fn entry(&mut self, kept: &Kept) -> &mut Entry {
         self.ledger.entry(kept.key()).or_insert_with(|| {
             let state = *lock(kept.state());
-            Entry { kept: kept.clone(), before: state, now: state }
+            Entry { kept: kept.clone(), before: state, now: state, given_back: false }
         })
+    }
+
+    /// Enters a copy, both ends or none.
+    pub(super) fn enter_copy(&mut self, from: &Kept, reads: Need, to: &Kept, writes: Need) -> Result<()> {
+        if let Some(error) = self.wrong.take() {
+            return Err(error);
+        }
+        let mut entered: Option<(&Kept, State)> = None;
+        for (kept, need, binding) in [(from, reads, "from"), (to, writes, "to")] {
+            if !Arc::ptr_eq(kept.raw(), &self.device.0.raw) {
+                return Err(Error::Invalid {
+                    item: "copy",
+                    what: format!("{} belongs to another device", kept.describe()),
+                    right: String::from("make it on this recorder's device"),
+                });
+            }
+            let had = self.entry(kept).now;
+            let Some(after) = had.after(need) else {
+                if let Some((kept, had)) = entered {
+                    self.entry(kept).now = had;
+                }
+                return Err(Error::Hazard {
+                    kernel: "copy",
+                    binding,
+                    had: format!("{} of {}", had.describe(), kept.describe()),
+                    needs: format!("{:?}", need.access()),
+                });
+            };
+            self.entry(kept).now = after;
+            entered = Some((kept, had));
+        }
+        Ok(())
+    }
+
+    /// Where commands are recorded.
+    pub(super) fn commands(&self) -> (&ash::Device, vk::CommandBuffer) {
+        (&self.device.0.raw.device, self.slot.commands)
     }
 
     /// A barrier passes over one resource.
     fn pass(&mut self, kept: &Kept, barrier: &Barrier<'_>) {
+        self.change_hands(kept, barrier);
         let entry = self.entry(kept);
         let had = entry.now;
         entry.now = State::ready(barrier.to);
@@ -269,6 +354,28 @@ impl Recorder {
                 had: format!("{} of {}", had.describe(), kept.describe()),
                 needs: format!("{:?}, as this barrier says", barrier.from),
             });
+        }
+    }
+
+    /// What is lent is taken once and given back once, and nothing else is.
+    fn change_hands(&mut self, kept: &Kept, barrier: &Barrier<'_>) {
+        if !barrier.changes_hands() {
+            return;
+        }
+        let known = self.ledger.get(&kept.key()).is_some_and(|e| e.given_back);
+        match kept.foreign() {
+            Some(foreign) if !known && !foreign.given_back() => {
+                foreign.semaphores(barrier.to, &mut self.semaphores);
+                self.entry(kept).given_back = barrier.to == Access::Foreign;
+            }
+            lent => {
+                let what = if lent.is_some() { "has been given back" } else { "is not borrowed" };
+                self.wrong.get_or_insert_with(|| Error::Invalid {
+                    item: "barrier",
+                    what: format!("{} {what}", kept.describe()),
+                    right: String::from("take what is lent once, and give it back once"),
+                });
+            }
         }
     }
 
@@ -308,6 +415,7 @@ impl Recorder {
         use super::BindingKind::{SampledImage, StorageBuffer, StorageImage, UniformBuffer};
         let (raw, kept) = match (info.kind, bound) {
             (StorageBuffer | UniformBuffer, Bound::Buffer(b)) => {
+                ours(b.inner.foreign.as_ref(), &b.inner.name)?;
                 let most = u64::from(self.device.0.raw.limits.max_uniform_buffer_range);
                 if info.kind == UniformBuffer && b.inner.bytes > most {
                     return Err(invalid(
