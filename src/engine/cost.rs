@@ -1,6 +1,6 @@
 //! What work will cost, by a pilot on this device: said before it starts.
 
-use super::{Engine, Lit, Medium, precompute_memory, render};
+use super::{Engine, Lit, Medium};
 use crate::error::Result;
 use crate::scene::visibility::Method;
 use crate::scene::{Camera, ImageSettings, Visibility};
@@ -34,7 +34,7 @@ impl Engine {
     /// # Errors
     /// As [`Engine::estimate`].
     pub fn field_cost(&self, medium: &Medium, settings: &Visibility) -> Result<Cost> {
-        let (kept, passing) = precompute_memory(medium.grid(), settings);
+        let (kept, passing) = self.precompute_memory(medium, settings)?;
         let wanted = self.wanted_cells(medium, settings)?;
         let stride = wanted.len().div_ceil(CELLS).max(1);
         let some: Vec<u32> = wanted.iter().copied().step_by(stride).collect();
@@ -60,8 +60,8 @@ impl Engine {
         self.timed(|| self.render(medium, lit, camera, &one, &mut quiet).map(|_| ()))?;
         let taken = self.timed(|| self.render(medium, lit, camera, &small, &mut quiet).map(|_| ()))?;
         let pixels = |i: &ImageSettings| i.width as f64 * i.height as f64;
-        let strip = (image.width * image.height).min(render::STRIP) as u64;
-        Ok(Cost { kept: pixels(image) as u64 * 16, passing: 20 * strip, seconds: taken * pixels(image) / pixels(&small) })
+        let need = self.need(medium, lit.field().settings(), Some((image.width, image.height)))?;
+        Ok(Cost { kept: pixels(image) as u64 * 16, passing: need.picture, seconds: taken * pixels(image) / pixels(&small) })
     }
 
     /// Device seconds of some work; of wall clock where the device keeps no time.

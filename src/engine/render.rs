@@ -51,7 +51,8 @@ pub(super) struct Strip<'a> {
 impl Engine {
     /// Renders a picture: direct volume rendering, or the isosurface if the matter has one. The background is left
     /// transparent. The field under the light must be of this medium, or hold all cells
-    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for are dark.
+    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for hold no light
+    /// that means anything.
     ///
     /// # Errors
     /// [`Error::Invalid`] for an unusable camera or picture, [`Error::Cancelled`].
@@ -135,7 +136,7 @@ impl Engine {
         let pixels = self.device.buffer::<u8>("pixels", slots * form.bytes() as usize)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
-                let shade = isosurface::Shade::new(grid, lit.field.dims(), albedo, &lit.light, surface.shading);
+                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading);
                 Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
             }
             _ => None,
@@ -158,7 +159,7 @@ impl Engine {
             ControlFlow::Break(()) => Err(Error::Cancelled),
         };
         let encoding = medium.volume.0.encoding;
-        let settings = lit.field.settings();
+        let settings = lit.field().settings();
         let mut rec = self.device.record()?;
         // Fresh buffers: the first dispatch of a strip writes without reading.
         rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
@@ -178,17 +179,15 @@ impl Engine {
                     Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length: *step_length };
                 let mut rec = self.device.record()?;
                 match surface {
-                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), view, part, *leap, state)?,
+                    None => raymarch::record(&mut rec, &medium.view(), lit.irradiance(), view, part, *leap, state)?,
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
-                            field: lit.field.images(),
-                            field_view: lit.field.sampled_format(),
+                            field: lit.field().packed(),
                             shade,
                             iso: encoding.sample_of(surface.iso as f32),
                             rising: encoding.scale > 0.0,
                             bands: settings.bands,
-                            bits: settings.bits,
                             shading: surface.shading,
                             leap: *leap,
                         };

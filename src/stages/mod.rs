@@ -2,6 +2,7 @@
 //! twin in plain loops. `twin` and `directions` hold what they share.
 
 pub mod block_ranges;
+pub mod bricks;
 pub mod cells;
 pub mod classify;
 pub mod directions;
