@@ -9,12 +9,15 @@ use super::job::{Body, Job, Progress, Work};
 use super::matter::{TransferCell, matter};
 use super::volume::VolumeCell;
 use crate::engine::{Engine, Field, Medium};
+use crate::io::{self, ReadOptions};
 use crate::measure::{self, Budget};
 use crate::plan;
 use crate::scene::visibility::{Cells, Filter, Method, Quality, Sampling, Wanted};
-use crate::scene::{Matter, Visibility};
+use crate::scene::{Matter, Scene, Visibility};
+use std::ffi::c_char;
 use std::ops::ControlFlow;
-use std::sync::Arc;
+use std::path::Path;
+use std::sync::{Arc, Weak};
 
 /// Device seconds that measuring may take where the host says nothing.
 const MEASURE_SECONDS: f64 = 60.0;
@@ -251,8 +254,51 @@ pub unsafe extern "C" fn hl_precompute_estimate(
     })
 }
 
-/// A field file's words for its settings.
+/// What a field file says of its settings: a scene, as the command writes it.
 pub(super) fn meta(settings: &Visibility) -> Vec<(String, String)> {
-    let words = format!("{settings:?}");
-    vec![("visibility".into(), words)]
+    let scene = Scene { visibility: settings.clone(), ..Scene::of_volume("volume".into()) };
+    vec![("scene".into(), io::scene_text(&scene))]
+}
+
+/// The settings that a field file tells, or what its shape lets guess.
+fn told(path: &Path, file: &io::NrrdField, dims: [usize; 3]) -> Result<Visibility> {
+    let bands = file.coefficients.isqrt() as u32;
+    let scene = file.meta.iter().find(|(key, _)| key == "scene").map(|(_, text)| text);
+    let settings = match scene {
+        Some(text) => io::parse_scene(text, &crate::error::shown(path), Path::new(""), &[])?.visibility,
+        None => {
+            let fits = |ratio: &u32| dims.map(|n| n.div_ceil(*ratio as usize)) == file.grid.dims();
+            let ratio = [1, 2, 4, 8].into_iter().find(fits).unwrap_or(1);
+            Visibility { ratio, bands, bits: 32, ..Visibility::default() }
+        }
+    };
+    if settings.bands != bands || dims.map(|n| n.div_ceil(settings.ratio as usize)) != file.grid.dims() {
+        let ([x, y, z], [a, b, c]) = (file.grid.dims(), dims);
+        let what = format!("{} coefficients of {x}x{y}x{z} cells do not belong to {a}x{b}x{c} voxels", file.coefficients);
+        return Err(Fault::new(HL_ERROR_FORMAT, format!("{}: {what}; load it with the volume that it was computed for", crate::error::shown(path))));
+    }
+    Ok(settings)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_field_load(
+    engine: *mut hl_engine,
+    path: *const c_char,
+    info: *const hl_precompute_info,
+    field: *mut *mut hl_field,
+) -> hl_status {
+    enter(|scope| {
+        let out = out("field", field)?;
+        let request = Request::of(scope, engine, info)?;
+        let path = super::call::path(path)?;
+        let grid = *request.volume.device.grid();
+        let file = io::read_nrrd_field(&path, &ReadOptions::default())?;
+        let settings = told(&path, &file, grid.dims())?;
+        let turn = request.host.turn()?;
+        let medium = Arc::new(turn.engine().classify(&request.volume.device, &request.matter)?);
+        let loaded = turn.engine().load_field(&grid, &settings, &file.data)?;
+        // Not what a precompute was asked for, so that none takes it for its own.
+        let asked = Asked { volume: Weak::new(), ..request.asked.clone() };
+        out.give(FieldCell::new(&request.host, &medium, loaded, &asked, None))
+    })
 }

@@ -5,6 +5,7 @@ mod data;
 mod jobs;
 mod life;
 mod misuse;
+mod same;
 mod scenes;
 
 use halflight::ffi::*;
