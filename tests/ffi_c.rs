@@ -271,7 +271,9 @@ fn cargo_c_installs_what_a_host_needs() {
     let mut install = Command::new(env!("CARGO"));
     install.current_dir(ROOT).args(["cinstall", "--release", "--no-default-features", "--libdir=lib", "--prefix"]).arg(prefix.path());
     done(&mut install);
-    for file in ["include/halflight.h", "include/halflight_vulkan.h", "lib/libhalflight.so.0", "lib/libhalflight.a", "lib/pkgconfig/halflight.pc"] {
+    for file in
+        ["include/halflight.h", "include/halflight_vulkan.h", "lib/libhalflight.so.0", "lib/libhalflight.a", "lib/pkgconfig/halflight.pc"]
+    {
         assert!(prefix.path().join(file).exists(), "{file} is not there");
     }
     let build = prefix.path().join("build");

@@ -11,9 +11,7 @@ use std::process::Command;
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
 fn headers() -> String {
-    ["halflight.h", "halflight_vulkan.h"]
-        .map(|name| std::fs::read_to_string(Path::new(ROOT).join("include").join(name)).unwrap())
-        .concat()
+    ["halflight.h", "halflight_vulkan.h"].map(|name| std::fs::read_to_string(Path::new(ROOT).join("include").join(name)).unwrap()).concat()
 }
 
 /// What cbindgen makes of some items of src/ffi, names prefixed.

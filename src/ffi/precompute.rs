@@ -275,7 +275,10 @@ fn told(path: &Path, file: &io::NrrdField, dims: [usize; 3]) -> Result<Visibilit
     if settings.bands != bands || dims.map(|n| n.div_ceil(settings.ratio as usize)) != file.grid.dims() {
         let ([x, y, z], [a, b, c]) = (file.grid.dims(), dims);
         let what = format!("{} coefficients of {x}x{y}x{z} cells do not belong to {a}x{b}x{c} voxels", file.coefficients);
-        return Err(Fault::new(HL_ERROR_FORMAT, format!("{}: {what}; load it with the volume that it was computed for", crate::error::shown(path))));
+        return Err(Fault::new(
+            HL_ERROR_FORMAT,
+            format!("{}: {what}; load it with the volume that it was computed for", crate::error::shown(path)),
+        ));
     }
     Ok(settings)
 }

@@ -60,12 +60,7 @@ pub fn record(rec: &mut Recorder, run: &Run, weight: f32, packed: &Packed) -> Re
             bricks: packed.directory.sampled().as_nearest(),
         },
         &kernel::Spec { bands: run.bands, bits: packed.bits },
-        &kernel::Params {
-            field_dims: dims_u32(run.field_dims),
-            cell_count: run.cell_count,
-            capacity: run.capacity,
-            weight,
-        },
+        &kernel::Params { field_dims: dims_u32(run.field_dims), cell_count: run.cell_count, capacity: run.capacity, weight },
         [run.cell_count, 1, 1],
     )
 }

@@ -32,8 +32,9 @@ fn every_type_and_any_strides_show_the_same() {
             let other: Vec<$type> = data.iter().map(|&v| v as $type).collect();
             let info = hl_volume_info { data: other.as_ptr().cast(), dims, r#type: $name, ..init() };
             let worst = picture(&engine, &info).iter().zip(&truth).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            // Integers of 8 and 16 bits are normalised on the device, the others are floats: two roundings of one number.
-            assert!(worst < 2e-4, "{}: {worst}", stringify!($name));
+            // A signed sample v is 1/2 + v/65535 on the device, of which half an ulp is 0.002 samples: of a ramp over 60
+            // samples 3e-5, which its steep end, where opacity comes to 1, multiplies by some ten.
+            assert!(worst < 1e-3, "{}: {worst}", stringify!($name));
         })*};
     }
     same!(HL_INT8: i8, HL_UINT16: u16, HL_INT16: i16, HL_UINT32: u32, HL_INT32: i32, HL_UINT64: u64, HL_INT64: i64, HL_FLOAT32: f32, HL_FLOAT64: f64);
@@ -55,7 +56,7 @@ fn every_type_and_any_strides_show_the_same() {
     // Slope and intercept: the ramp lies over the values, wherever they are.
     let info = hl_volume_info { slope: 2.0, intercept: -100.0, ..volume_info(&data, n) };
     let worst = picture(&engine, &info).iter().zip(&truth).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(worst < 2e-4, "{worst}");
+    assert!(worst < 1e-3, "{worst}");
     // Sabotage: other data, another picture.
     let mut wrong = data.clone();
     wrong[n * n * n / 2..].fill(0);
@@ -186,7 +187,10 @@ fn a_field_is_read_and_mapped() {
     let field = field(engine.0, &quick(volume(engine.0, 16)));
     let mut info: hl_field_info = init();
     ok!(hl_field_get_info(field, &mut info));
-    assert_eq!((info.dims, info.coefficients, info.method, info.ratio, info.bits, info.directions), ([4; 3], 16, HL_METHOD_SWEEP, 4, 8, 32));
+    assert_eq!(
+        (info.dims, info.coefficients, info.method, info.ratio, info.bits, info.directions),
+        ([4; 3], 16, HL_METHOD_SWEEP, 4, 8, 32)
+    );
     assert!(info.error < 0.0 && info.bytes > 0);
     let mut numbers = vec![0f32; 64 * 16];
     ok!(hl_field_read(field, numbers.as_mut_ptr(), numbers.len() as u64));

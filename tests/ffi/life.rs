@@ -47,7 +47,11 @@ fn the_last_error_is_the_threads_own() {
     refused!(HL_ERROR_INVALID, "is NULL", hl_volume_create(engine.0, std::ptr::null(), &mut volume));
     assert_eq!(crate::last(engine.0).0, HL_ERROR_INVALID);
     std::thread::scope(|scope| {
-        scope.spawn(|| assert_eq!(crate::last(engine.0), (HL_OK, String::new())));
+        let engine = &engine;
+        scope.spawn(move || {
+            let engine: &Engine = engine;
+            assert_eq!(crate::last(engine.0), (HL_OK, String::new()));
+        });
     });
     // Cut where the room ends, and ended.
     let mut text = [1 as c_char; 12];
@@ -118,12 +122,13 @@ fn resident() -> u64 {
 #[test]
 #[ignore = "run by `a_thousand_cycles_do_not_grow`"]
 fn cycles() {
-    let mut engine = std::ptr::null_mut();
+    let made = std::cell::Cell::new(std::ptr::null_mut());
     let data = ball(8);
-    let mut round = |whole: bool| {
+    let round = |whole: bool| {
         if whole {
-            ok!(hl_engine_create(&hl_engine_info { pipeline_cache: c"".as_ptr(), ..init() }, &mut engine));
+            ok!(hl_engine_create(&hl_engine_info { pipeline_cache: c"".as_ptr(), ..init() }, made.as_ptr()));
         }
+        let engine = made.get();
         let (mut volume, mut light, mut transfer) = (std::ptr::null_mut(), std::ptr::null_mut(), std::ptr::null_mut());
         ok!(hl_volume_create(engine, &volume_info(&data, 8), &mut volume));
         ok!(hl_transfer_create(engine, &transfer_info(&points(true, 0.5)), &mut transfer));
@@ -144,7 +149,7 @@ fn cycles() {
             ok!(hl_engine_destroy(engine));
         }
     };
-    let mut grown = |count: u32, whole: bool| {
+    let grown = |count: u32, whole: bool| {
         (0..count / 10).for_each(|_| round(whole));
         let (start, before) = (Instant::now(), resident());
         (0..count).for_each(|_| round(whole));
@@ -153,7 +158,7 @@ fn cycles() {
         grown
     };
     let engines = grown(30, true);
-    ok!(hl_engine_create(&hl_engine_info { pipeline_cache: c"".as_ptr(), ..init() }, &mut engine));
+    ok!(hl_engine_create(&hl_engine_info { pipeline_cache: c"".as_ptr(), ..init() }, made.as_ptr()));
     let things = grown(1000, false);
     println!("RESULT {engines} {things}");
 }

@@ -318,10 +318,18 @@ fn values_out_of_range_are_refused_with_a_sentence() {
     // Wishes that no device fulfils.
     let mut none = null_mut();
     refused!(HL_ERROR_NO_DEVICE, "none is called", hl_engine_create(&hl_engine_info { device: c"no such".as_ptr(), ..init() }, &mut none));
-    refused!(HL_ERROR_INVALID, "struct_type is 0", hl_engine_create(&hl_engine_info { next: std::ptr::from_ref(&base).cast(), ..init() }, &mut none));
+    refused!(
+        HL_ERROR_INVALID,
+        "struct_type is 0",
+        hl_engine_create(&hl_engine_info { next: std::ptr::from_ref(&base).cast(), ..init() }, &mut none)
+    );
     assert!(none.is_null());
     let tight = hl_engine_info { memory: 1 << 16, ..init() };
     ok!(hl_engine_create(&tight, &mut none));
-    refused!(HL_ERROR_MEMORY, "device memory", hl_volume_create(none, &hl_volume_info { r#type: HL_UINT8, ..volume_info(&ball(64), 64) }, &mut made));
+    refused!(
+        HL_ERROR_MEMORY,
+        "device memory",
+        hl_volume_create(none, &hl_volume_info { r#type: HL_UINT8, ..volume_info(&ball(64), 64) }, &mut made)
+    );
     ok!(hl_engine_destroy(none));
 }

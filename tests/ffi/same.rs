@@ -76,8 +76,7 @@ fn the_same_scene_is_the_same_picture() {
     for (method, word) in [(HL_METHOD_SWEEP, "sweep"), (HL_METHOD_MARCH, "march"), (HL_METHOD_HIERARCHICAL, "hierarchical")] {
         for solid in [false, true] {
             let surface = if solid { &raw const surface } else { std::ptr::null() };
-            let info =
-                hl_precompute_info { volume, transfer, surface, method, ratio: 2, directions: 40, bits: 16, ..init() };
+            let info = hl_precompute_info { volume, transfer, surface, method, ratio: 2, directions: 40, bits: 16, ..init() };
             let field = field(engine.0, &info);
             let view = hl_render_info { field, light, camera, width: 60, height: 44, step: 0.7, background: HL_BACKGROUND_LIGHT, ..init() };
             let ours = pixels(self::image(engine.0, &view));
