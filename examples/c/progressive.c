@@ -95,7 +95,7 @@ int main(int argc, char **argv) {
     info.volume = volume;
     info.transfer = transfer;
     info.method = HL_METHOD_SWEEP;
-    info.directions = 512;
+    info.directions = 1024;
     info.ratio = 2;
     info.progressive = 1;
     info.progress = progress;
@@ -116,7 +116,7 @@ int main(int argc, char **argv) {
             printf("pass of %u directions\n", state.directions);
             TRY(picture(field, light, argv[5], "pass", seen++));
         }
-    } while (state.status == HL_NOT_READY && seen < 3);
+    } while (state.status == HL_NOT_READY && seen < 2);
 
     /* Enough seen: what was finished stays. */
     TRY(hl_job_cancel(job));

@@ -41,11 +41,22 @@ impl Engine {
         let mut seconds = 0.0;
         if !some.is_empty() {
             let pilot = Visibility { directions: settings.directions.min(DIRECTIONS), ..settings.clone() };
+            let run = |directions: u32, cells: &[u32]| {
+                let settings = Visibility { directions, ..settings.clone() };
+                self.timed(|| self.estimate(medium, &settings, cells, &mut quiet).map(|_| ()))
+            };
             // Whatever a kernel's first dispatch costs is not the pilot's.
-            self.timed(|| self.estimate(medium, &Visibility { directions: 1, ..settings.clone() }, &some[..1], &mut quiet).map(|_| ()))?;
-            let taken = self.timed(|| self.estimate(medium, &pilot, &some, &mut quiet).map(|_| ()))?;
-            let cells = if settings.method == Method::Sweep { 1.0 } else { wanted.len() as f64 / some.len() as f64 };
-            seconds = taken * cells * f64::from(settings.directions) / f64::from(pilot.directions);
+            run(1, &some[..1])?;
+            let n = settings.directions;
+            seconds = run(n.min(DIRECTIONS), &some)?;
+            if n > 2 * DIRECTIONS {
+                // What is done once, and what each direction takes.
+                let twice = run(2 * DIRECTIONS, &some)?;
+                let each = (twice - seconds).max(0.0) / f64::from(DIRECTIONS);
+                let once = (2.0 * seconds - twice).max(0.0);
+                let cells = if settings.method == Method::Sweep { 1.0 } else { wanted.len() as f64 / some.len() as f64 };
+                seconds = once + each * f64::from(n) * cells;
+            }
         }
         Ok(Cost { kept, passing, seconds })
     }

@@ -78,7 +78,7 @@ fn wrong<T: Object>(number: usize, entry: Option<&Entry>) -> Fault {
     let name = T::NAME;
     let text = match entry {
         _ if number == 0 => format!("{name}: the handle is NULL; one that was created is needed"),
-        Some(entry) => format!("{name}: the handle is that of a {}; a {name} is needed", entry.name),
+        Some(entry) => format!("{name}: the handle is that of another thing, {}; hand over the right one", entry.name),
         None => format!("{name}: the handle {number:#x} is not known; it was destroyed, or is none of this library"),
     };
     Fault::new(HL_ERROR_HANDLE, text)

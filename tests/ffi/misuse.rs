@@ -110,7 +110,7 @@ fn wrong_handles_are_found_out() {
     let answers: Vec<_> = with_handle(engine.0, other.cast()).into_iter().filter(|a| a.0 != "hl_transfer_set").collect();
     all_are(&answers, HL_ERROR_HANDLE);
     let mut volume = null_mut();
-    refused!(HL_ERROR_HANDLE, "that of a transfer function; a engine", hl_volume_create(other.cast(), null(), &mut volume));
+    refused!(HL_ERROR_HANDLE, "another thing, transfer function", hl_volume_create(other.cast(), null(), &mut volume));
     ok!(hl_transfer_destroy(other));
     refused!(HL_ERROR_HANDLE, "it was destroyed", hl_transfer_destroy(other));
 
