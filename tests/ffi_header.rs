@@ -18,6 +18,8 @@ fn headers() -> String {
 fn generated(items: &[ItemType], prefix: &str) -> String {
     let mut config = Config { language: Language::C, style: Style::Both, no_includes: true, ..Config::default() };
     config.export.item_types = items.to_vec();
+    // Nothing but a pointer to void leads to these.
+    config.export.include = ["hl_header", "hl_vulkan_device", "hl_vulkan_image", "hl_vulkan_buffer"].map(String::from).to_vec();
     config.export.prefix = (!prefix.is_empty()).then(|| prefix.to_owned());
     let mut builder = cbindgen::Builder::new().with_config(config);
     let mut files: Vec<PathBuf> = std::fs::read_dir(Path::new(ROOT).join("src/ffi")).unwrap().map(|e| e.unwrap().path()).collect();

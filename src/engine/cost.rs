@@ -40,7 +40,6 @@ impl Engine {
         let some: Vec<u32> = wanted.iter().copied().step_by(stride).collect();
         let mut seconds = 0.0;
         if !some.is_empty() {
-            let pilot = Visibility { directions: settings.directions.min(DIRECTIONS), ..settings.clone() };
             let run = |directions: u32, cells: &[u32]| {
                 let settings = Visibility { directions, ..settings.clone() };
                 self.timed(|| self.estimate(medium, &settings, cells, &mut quiet).map(|_| ()))
@@ -48,13 +47,16 @@ impl Engine {
             // Whatever a kernel's first dispatch costs is not the pilot's.
             run(1, &some[..1])?;
             let n = settings.directions;
-            seconds = run(n.min(DIRECTIONS), &some)?;
+            let cells = if settings.method == Method::Sweep { 1.0 } else { wanted.len() as f64 / some.len() as f64 };
+            let first = run(n.min(DIRECTIONS), &some)?;
+            seconds = first * cells * f64::from(n) / f64::from(n.min(DIRECTIONS));
             if n > 2 * DIRECTIONS {
                 // What is done once, and what each direction takes.
                 let twice = run(2 * DIRECTIONS, &some)?;
-                let each = (twice - seconds).max(0.0) / f64::from(DIRECTIONS);
-                let once = (2.0 * seconds - twice).max(0.0);
-                let cells = if settings.method == Method::Sweep { 1.0 } else { wanted.len() as f64 / some.len() as f64 };
+                let all = twice / f64::from(2 * DIRECTIONS);
+                // The clock's noise must not make one of them all or nothing.
+                let each = ((twice - first) / f64::from(DIRECTIONS)).clamp(0.4 * all, all);
+                let once = (twice - each * f64::from(2 * DIRECTIONS)).max(0.0);
                 seconds = once + each * f64::from(n) * cells;
             }
         }
