@@ -35,6 +35,9 @@ const IMAGE: ImageSettings =
 /// Samples of a pixel of the reference renderer.
 const TRACED: u32 = 32;
 
+/// The picture that times it: a whole one takes seconds.
+const TRACED_IMAGE: ImageSettings = ImageSettings { width: 128, height: 96, ..IMAGE };
+
 /// Half a step of half floats below 1, and room for exp's last bits.
 const HALF: f32 = 3e-4;
 
@@ -256,16 +259,17 @@ fn check_isosurface(b: &Bench) {
 }
 
 /// The reference picture of few samples.
-fn traced(b: &Bench) -> ReferencePicture {
+fn traced(b: &Bench, image: &ImageSettings) -> ReferencePicture {
     let sky = Sky::from_probe(&Probe::two_colored());
     let settings = ReferenceSettings { samples: TRACED, error: 0.0, ..ReferenceSettings::default() };
-    b.engine.render_reference(&b.dvr, &sky, &b.camera, &IMAGE, &settings, &mut quiet).expect("reference picture")
+    b.engine.render_reference(&b.dvr, &sky, &b.camera, image, &settings, &mut quiet).expect("reference picture")
 }
 
 /// Sample by sample the twin's; where a rounded number lets one of them take another way, it is the pixel that differs.
 fn check_trace(b: &Bench) {
     agree("majorant", &b.engine.read_majorants(&b.dvr).expect("majorants"), &majorant::reference(&b.volume, &b.table), 1e-3);
-    let (sky, majorants, picture) = (Sky::from_probe(&Probe::two_colored()), majorant::reference(&b.volume, &b.table), traced(b).picture);
+    let (sky, majorants, picture) =
+        (Sky::from_probe(&Probe::two_colored()), majorant::reference(&b.volume, &b.table), traced(b, &IMAGE).picture);
     let scene = trace::Twin {
         volume: &b.volume,
         table: &b.table,
@@ -347,6 +351,7 @@ fn benches(c: &mut Criterion) {
 
     let cells = b.cells();
     let (voxels, rays, pixels) = (b.volume.grid().voxels() as usize, cells.len() * DIRECTIONS as usize, IMAGE.width * IMAGE.height);
+    let samples = TRACED_IMAGE.width * TRACED_IMAGE.height * TRACED as usize;
     let field = b.engine.precompute(&b.dvr, &hierarchical, &mut quiet).expect("precompute");
     let precompute = |s: &Visibility| drop(b.engine.precompute(&b.dvr, s, &mut quiet).expect("precompute"));
     let frame = || {
@@ -369,7 +374,7 @@ fn benches(c: &mut Criterion) {
     b.time(g, true, &["raymarch"], "raymarch, pixels", pixels, || drop(b.render(&b.dvr, &dvr)));
     b.time(g, true, &["isosurface"], "isosurface, pixels", pixels, || drop(b.render(&b.iso, &iso)));
     b.time(g, true, &["majorant"], "majorant, voxels", voxels, || drop(b.engine.read_majorants(&b.dvr).expect("majorants")));
-    b.time(g, true, &["trace"], "trace, pixels x samples", pixels * TRACED as usize, || drop(traced(&b)));
+    b.time(g, true, &["trace"], "trace, pixels x samples", samples, || drop(traced(&b, &TRACED_IMAGE)));
     b.time(g, true, &[], "precompute, cells x directions", rays, || precompute(&hierarchical));
     b.time(g, true, &[], "frame, pixels", pixels, frame);
     group.finish();

@@ -7,7 +7,7 @@ layout(local_size_x = 128) in;
 layout(set = 0, binding = 0, std430) readonly buffer Narrow { uint narrow[]; };  // tightly packed, little-endian
 layout(set = 0, binding = 1, std430) writeonly buffer Wide { uint wide[]; };     // as the image takes them
 
-layout(constant_id = 0) const uint KIND = 0; // 0: uint8, 1: int8, 2: int16, 3: float16
+layout(constant_id = 0) const uint KIND = 1; // 1: uint8, 2: int8, 3: int16, 4: float16
 
 layout(push_constant) uniform Params {
     uint words; // to write: two integers or one float each
@@ -26,14 +26,14 @@ uint float_of_half(uint h) {
 void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i >= words) return;
-    if (KIND == 2) {
+    if (KIND == 3) {
         wide[i] = narrow[i] ^ 0x80008000u;
         return;
     }
     uint pair = narrow[i >> 1] >> (16u * (i & 1u)) & 0xffffu;
-    if (KIND == 0) {
+    if (KIND == 1) {
         wide[i] = (pair & 0xffu) * 257u | ((pair >> 8) * 257u) << 16;
-    } else if (KIND == 1) {
+    } else if (KIND == 2) {
         uint low = uint(bitfieldExtract(int(pair), 0, 8)) & 0xffffu;
         uint high = uint(bitfieldExtract(int(pair), 8, 8)) << 16;
         wide[i] = (low | high) ^ 0x80008000u;

@@ -47,7 +47,11 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let figure = |v: Option<f64>| v.map_or_else(|| "none: the reference is black".into(), |v| format!("{v:.5}"));
     report.line(
         "rel. RMSE",
-        format!("{} over covered pixels, {} over all", figure(difference.relative_rmse), figure(difference.relative_rmse_all)),
+        format!(
+            "{} over covered pixels, {} over all, each of the reference's mean there",
+            figure(difference.relative_rmse),
+            figure(difference.relative_rmse_all)
+        ),
     );
     report.line("mean ratio", format!("{} over covered pixels", figure(difference.mean_ratio)));
     report.line("largest", format!("{max:.6} in {} at column {x}, row {y}", ["red", "green", "blue"][c]));

@@ -13,8 +13,14 @@ use crate::kernels::constants::BRICK;
 /// The bit of a directory's word that says that its brick is held; see `glsl/field_bricks.glsl`.
 const HELD: u32 = 1 << 31;
 
+// The kernels shift by 2.
+const _: () = assert!(BRICK == 4);
+
 /// Most bricks of the images along x and y: 8 bits of a word.
 const ROW: u64 = 64;
+
+/// Most bricks along z, unless there are more than fit so: 2048 texels.
+const LONGEST: u64 = 512;
 
 /// Bytes that rows of texels are a multiple of on some devices.
 const LINE: u64 = 64;
@@ -42,10 +48,13 @@ fn edge(dims: [usize; 3]) -> [usize; 3] {
 fn places(count: u64, texel: u64) -> [u32; 3] {
     // Whole lines of memory.
     let step = (LINE / (BRICK as u64 * texel).max(1)).clamp(1, ROW);
-    let mut best = ([step, 1, count.div_ceil(step).max(1)], (u64::MAX, 0));
+    let mut best = ([step, 1, 1], (u64::MAX, 0));
     for x in (step..=ROW).step_by(step as usize) {
         for y in 1..=ROW {
             let z = count.div_ceil(x * y).max(1);
+            if z > LONGEST && x * y < ROW * ROW {
+                continue;
+            }
             // As near to a cube as possible, for edges have limits.
             let spare = (x * y * z, x.max(y).max(z));
             if spare < best.1 {
@@ -180,7 +189,8 @@ mod tests {
         for count in [1, 2, 5, 63, 64, 65, 100, 1103, 4097, 70_001, 1 << 22] {
             for texel in [1, 4, 16] {
                 let [x, y, z] = places(count, texel).map(u64::from);
-                assert!(x * y * z >= count && x <= 255 && y <= 255 && z <= 1024, "{count}: {x} {y} {z}");
+                assert!(x * y * z >= count && x <= ROW && y <= ROW && z <= 1024, "{count}: {x} {y} {z}");
+                assert!(z <= LONGEST || count > ROW * ROW * LONGEST, "{count}: {x} {y} {z}");
                 // A line's worth of bricks.
                 assert!(x * y * z < count + 16 + count / 50, "{count}: {x} {y} {z}");
                 assert_eq!(x * BRICK as u64 * texel % LINE, 0);

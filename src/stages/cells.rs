@@ -47,7 +47,8 @@ pub fn matter(filled: &[bool], blocks: [usize; 3], voxels: [usize; 3], dims: [us
 /// Texels of an image that holds `wanted` slots.
 pub fn slot_dims(wanted: u64) -> [u32; 3] {
     let row = SLOT_ROW as u32;
-    [row, row, wanted.div_ceil(u64::from(row * row)).max(1) as u32]
+    let rows = wanted.div_ceil(u64::from(row)).max(1);
+    [row, rows.min(u64::from(row)) as u32, rows.div_ceil(u64::from(row)) as u32]
 }
 
 impl CellMap {

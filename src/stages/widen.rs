@@ -79,10 +79,10 @@ impl SampleType {
     /// The kernel's kind, for those that it has to change.
     fn kind(self) -> Option<u32> {
         match self {
-            Self::U8 => Some(0),
-            Self::I8 => Some(1),
-            Self::I16 => Some(2),
-            Self::F16 => Some(3),
+            Self::U8 => Some(1),
+            Self::I8 => Some(2),
+            Self::I16 => Some(3),
+            Self::F16 => Some(4),
             Self::U16 | Self::F32 => None,
         }
     }

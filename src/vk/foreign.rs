@@ -1,9 +1,9 @@
 //! Images and buffers that the maker of the device lends: how they come, how they go back.
 
 use super::access::Access;
+use super::barrier::{buffer_barrier, image_barrier};
 use super::host::{Features, HostBuffer, HostImage, QUEUE_FAMILY_IGNORED, Timeline};
 use super::raw::Raw;
-use super::recorder::{buffer_barrier, image_barrier};
 use super::{Buffer, Device, Format, Image};
 use crate::error::{Error, Result};
 use ash::vk::{self, Handle};
@@ -240,4 +240,49 @@ pub(super) fn submit_infos(all: &[Timeline]) -> Vec<vk::SemaphoreSubmitInfo<'sta
             .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
     };
     all.iter().map(info).collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use vk::ImageLayout as L;
+
+    fn lent(family: Option<u32>, layout: L) -> Foreign {
+        let given_back = AtomicBool::new(false);
+        Foreign { layout, layout_after: L::PRESENT_SRC_KHR, family, wait: None, signal: None, given_back }
+    }
+
+    type Change = (L, L, u32, u32);
+
+    fn changes(barriers: &[vk::ImageMemoryBarrier2<'_>]) -> Vec<Change> {
+        barriers.iter().map(|b| (b.old_layout, b.new_layout, b.src_queue_family_index, b.dst_queue_family_index)).collect()
+    }
+
+    #[test]
+    fn owner_and_layout_change_one_after_the_other() {
+        const NONE: u32 = vk::QUEUE_FAMILY_IGNORED;
+        let image = vk::Image::null();
+        let (take, give) = ((Access::Foreign, Access::TransferWrite), (Access::TransferWrite, Access::Foreign));
+        let of = |foreign: &Foreign, (from, to)| changes(&foreign.of_image(image, 2, from, to));
+        let write = L::TRANSFER_DST_OPTIMAL;
+        let other = lent(Some(5), L::GENERAL);
+        assert_eq!(of(&other, take), [(L::GENERAL, L::GENERAL, 5, 2), (L::GENERAL, write, NONE, NONE)]);
+        let back = [(write, L::PRESENT_SRC_KHR, NONE, NONE), (L::PRESENT_SRC_KHR, L::PRESENT_SRC_KHR, 2, 5)];
+        assert_eq!(of(&other, give), back);
+        // The same family, or a shared image: layouts only.
+        let same = lent(None, L::GENERAL);
+        assert_eq!(of(&same, take), [(L::GENERAL, write, NONE, NONE)]);
+        assert_eq!(of(&same, give), back[..1]);
+        // No contents, no owner to take them from; but one to give them to.
+        let empty = lent(Some(5), L::UNDEFINED);
+        assert_eq!(of(&empty, take), [(L::UNDEFINED, write, NONE, NONE)]);
+        assert_eq!(of(&empty, give), back);
+        let buffer = |from, to| {
+            let b = other.of_buffer(vk::Buffer::null(), 2, from, to);
+            (b.src_queue_family_index, b.dst_queue_family_index)
+        };
+        assert_eq!(buffer(Access::Foreign, Access::TransferRead), (5, 2));
+        assert_eq!(buffer(Access::TransferRead, Access::Foreign), (2, 5));
+    }
 }

@@ -6,6 +6,7 @@
 #![deny(clippy::undocumented_unsafe_blocks)]
 
 mod access;
+mod barrier;
 mod buffer;
 mod cache;
 mod canary;
@@ -16,6 +17,7 @@ mod format;
 pub mod host;
 mod image;
 mod kernel;
+mod memory;
 mod raw;
 mod recorder;
 mod select;
@@ -32,7 +34,7 @@ pub use device::Device;
 pub use format::Format;
 pub use image::{Image, ImageDesc, Sampled, Storage};
 pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, KernelInfo, Specialization};
-pub use raw::Memory;
+pub use memory::Memory;
 pub use recorder::Recorder;
 pub use select::{DeviceInfo, DeviceKind, Options, devices};
 pub use timing::Span;

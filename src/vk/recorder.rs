@@ -1,13 +1,13 @@
 //! Records dispatches and the barriers between them, and keeps the ledger.
 
-use super::access::{Meaning, Need, State, Target};
+use super::access::{Need, State};
 use super::buffer::BufferInner;
 use super::foreign::{Foreign, Semaphores, ours};
-use super::image::{ImageInner, range};
+use super::image::ImageInner;
 use super::kernel::BindingInfo;
 use super::raw::Raw;
 use super::slot::Slot;
-use super::{Access, Barrier, Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
+use super::{Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::collections::HashMap;
@@ -21,25 +21,25 @@ use std::sync::{Arc, Mutex};
 /// the resource was written since the last barrier, or if it would be written after a read. It never inserts a barrier by itself.
 pub struct Recorder {
     // Dropped in this order: pending work is waited for, then what it used may go.
-    slot: Slot,
-    ledger: HashMap<(usize, u32), Entry>,
-    device: Device,
+    pub(super) slot: Slot,
+    pub(super) ledger: HashMap<(usize, u32), Entry>,
+    pub(super) device: Device,
     /// The first wrong barrier; told at the next call that can fail.
-    wrong: Option<Error>,
+    pub(super) wrong: Option<Error>,
     /// Kernel of each pair of timestamps.
     dispatched: Vec<&'static str>,
     /// What comes with borrowed resources that are taken or given back here.
-    semaphores: Semaphores,
+    pub(super) semaphores: Semaphores,
 }
 
 /// One buffer or image level that this recorder touched.
-struct Entry {
+pub(super) struct Entry {
     // Keeps the resource alive until the work is done.
     kept: Kept,
     before: State,
-    now: State,
+    pub now: State,
     /// Whether it went back to its owner in this recording.
-    given_back: bool,
+    pub given_back: bool,
 }
 
 #[derive(Clone)]
@@ -49,7 +49,7 @@ pub(super) enum Kept {
 }
 
 impl Kept {
-    fn key(&self) -> (usize, u32) {
+    pub(super) fn key(&self) -> (usize, u32) {
         match self {
             Self::Buffer(b) => (Arc::as_ptr(b) as usize, 0),
             Self::Image(i, level) => (Arc::as_ptr(i) as usize, *level),
@@ -64,7 +64,7 @@ impl Kept {
         }
     }
 
-    fn foreign(&self) -> Option<&Foreign> {
+    pub(super) fn foreign(&self) -> Option<&Foreign> {
         match self {
             Self::Buffer(b) => b.foreign.as_ref(),
             Self::Image(i, _) => i.foreign.as_ref(),
@@ -78,7 +78,7 @@ impl Kept {
         }
     }
 
-    fn describe(&self) -> String {
+    pub(super) fn describe(&self) -> String {
         match self {
             Self::Buffer(b) => format!("buffer '{}'", b.name),
             Self::Image(i, level) => format!("image '{}' level {level}", i.name),
@@ -154,65 +154,6 @@ impl Recorder {
         }
         self.dispatched.push(kernel.name);
         Ok(())
-    }
-
-    /// Makes what was done before visible to what comes next. A `from` that is not the last access on record is told as
-    /// [`Error::Hazard`] by the next dispatch or by the submission.
-    pub fn barrier(&mut self, barriers: &[Barrier<'_>]) {
-        let mut buffers = Vec::new();
-        let mut images = Vec::new();
-        // Borrowed images change owner and layout one after the other.
-        let mut second = Vec::new();
-        let ours = self.device.0.raw.family;
-        for barrier in barriers {
-            if barrier.to == Access::None || (barrier.from == Access::Foreign && barrier.to == Access::Foreign) {
-                self.wrong.get_or_insert_with(|| Error::Invalid {
-                    item: "barrier",
-                    what: String::from("leads to no access of ours"),
-                    right: String::from("name the access that comes next"),
-                });
-                continue;
-            }
-            match barrier.resource.target {
-                Target::Buffer(buffer) => {
-                    self.pass(&Kept::Buffer(buffer.inner.clone()), barrier);
-                    if let Some(foreign) = buffer.inner.foreign.as_ref().filter(|_| barrier.changes_hands()) {
-                        buffers.push(foreign.of_buffer(buffer.inner.handle, ours, barrier.from, barrier.to));
-                        continue;
-                    }
-                    buffers.push(buffer_barrier(buffer.inner.handle, barrier.from.meaning(false), barrier.to.meaning(false)));
-                }
-                Target::Image { image, base, count } => {
-                    if base.saturating_add(count) > image.levels() {
-                        self.wrong.get_or_insert_with(|| Error::Invalid {
-                            item: "image level",
-                            what: format!("a barrier names level {base} of image '{}'", image.name()),
-                            right: format!("it has {} levels", image.levels()),
-                        });
-                        continue;
-                    }
-                    for level in base..base + count {
-                        self.pass(&Kept::Image(image.inner.clone(), level), barrier);
-                    }
-                    if let Some(foreign) = image.inner.foreign.as_ref().filter(|_| barrier.changes_hands()) {
-                        let mut both = foreign.of_image(image.inner.handle, ours, barrier.from, barrier.to).into_iter();
-                        images.extend(both.next());
-                        second.extend(both);
-                        continue;
-                    }
-                    images.push(image_barrier(image.inner.handle, base, count, barrier.from.meaning(true), barrier.to.meaning(true)));
-                }
-            }
-        }
-        let first = vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
-        let then = vk::DependencyInfo::default().image_memory_barriers(&second);
-        for info in [first].into_iter().chain((!second.is_empty()).then_some(then)) {
-            // A recording with a wrong barrier is never submitted.
-            if self.wrong.is_none() {
-                // SAFETY: the command buffer is in recording; the resources are kept alive by the ledger.
-                unsafe { self.device.0.raw.device.cmd_pipeline_barrier2(self.slot.commands, &info) };
-            }
-        }
     }
 
     /// Sets all words of a buffer. Its last access must be announced as [`Access::TransferWrite`], or it must be new.
@@ -297,7 +238,7 @@ impl Recorder {
     }
 
     /// The ledger's entry of a resource, as this recorder sees it.
-    fn entry(&mut self, kept: &Kept) -> &mut Entry {
+    pub(super) fn entry(&mut self, kept: &Kept) -> &mut Entry {
         self.ledger.entry(kept.key()).or_insert_with(|| {
             let state = *lock(kept.state());
             Entry { kept: kept.clone(), before: state, now: state, given_back: false }
@@ -339,44 +280,6 @@ impl Recorder {
     /// Where commands are recorded.
     pub(super) fn commands(&self) -> (&ash::Device, vk::CommandBuffer) {
         (&self.device.0.raw.device, self.slot.commands)
-    }
-
-    /// A barrier passes over one resource.
-    fn pass(&mut self, kept: &Kept, barrier: &Barrier<'_>) {
-        self.change_hands(kept, barrier);
-        let entry = self.entry(kept);
-        let had = entry.now;
-        entry.now = State::ready(barrier.to);
-        if had.access != barrier.from {
-            self.wrong.get_or_insert_with(|| Error::Hazard {
-                kernel: "barrier",
-                binding: "from",
-                had: format!("{} of {}", had.describe(), kept.describe()),
-                needs: format!("{:?}, as this barrier says", barrier.from),
-            });
-        }
-    }
-
-    /// What is lent is taken once and given back once, and nothing else is.
-    fn change_hands(&mut self, kept: &Kept, barrier: &Barrier<'_>) {
-        if !barrier.changes_hands() {
-            return;
-        }
-        let known = self.ledger.get(&kept.key()).is_some_and(|e| e.given_back);
-        match kept.foreign() {
-            Some(foreign) if !known && !foreign.given_back() => {
-                foreign.semaphores(barrier.to, &mut self.semaphores);
-                self.entry(kept).given_back = barrier.to == Access::Foreign;
-            }
-            lent => {
-                let what = if lent.is_some() { "has been given back" } else { "is not borrowed" };
-                self.wrong.get_or_insert_with(|| Error::Invalid {
-                    item: "barrier",
-                    what: format!("{} {what}", kept.describe()),
-                    right: String::from("take what is lent once, and give it back once"),
-                });
-            }
-        }
     }
 
     /// Enters a dispatch's accesses, all or none.
@@ -486,30 +389,4 @@ impl Recorder {
 
 fn invalid(kernel: &KernelInfo, what: String, right: String) -> Error {
     Error::Invalid { item: "dispatch", what: format!("kernel '{}': {what}", kernel.name), right }
-}
-
-pub(super) fn buffer_barrier(handle: vk::Buffer, from: Meaning, to: Meaning) -> vk::BufferMemoryBarrier2<'static> {
-    vk::BufferMemoryBarrier2::default()
-        .src_stage_mask(from.stage)
-        .src_access_mask(from.mask)
-        .dst_stage_mask(to.stage)
-        .dst_access_mask(to.mask)
-        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .buffer(handle)
-        .size(vk::WHOLE_SIZE)
-}
-
-pub(super) fn image_barrier(handle: vk::Image, base: u32, count: u32, from: Meaning, to: Meaning) -> vk::ImageMemoryBarrier2<'static> {
-    vk::ImageMemoryBarrier2::default()
-        .src_stage_mask(from.stage)
-        .src_access_mask(from.mask)
-        .dst_stage_mask(to.stage)
-        .dst_access_mask(to.mask)
-        .old_layout(from.layout)
-        .new_layout(to.layout)
-        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .image(handle)
-        .subresource_range(range(base, count))
 }

@@ -1,10 +1,10 @@
 //! Buffers in and out: directly where the host sees the device's memory, else through staging.
 
 use super::access::{State, Used};
+use super::barrier::buffer_barrier;
 use super::buffer::BufferInner;
 use super::foreign::{Semaphores, ours};
 use super::raw::Raw;
-use super::recorder::buffer_barrier;
 use super::staging::{HALF, ring};
 use super::{Access, Buffer, Device, lock};
 use crate::error::{Error, Result};

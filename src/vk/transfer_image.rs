@@ -1,9 +1,9 @@
 //! Texels in and out, in pieces of one staging half.
 
 use super::access::{Access, State};
+use super::barrier::{buffer_barrier, image_barrier};
 use super::foreign::ours;
 use super::image::ImageInner;
-use super::recorder::{buffer_barrier, image_barrier};
 use super::staging::{HALF, ring};
 use super::transfer::{pipeline_barrier, written, zeroed};
 use super::{Device, Image, lock};

@@ -1,5 +1,6 @@
 //! The same scene on two devices, or on one whose compiler works otherwise: lavapipe with vectors of 4 and of 8 lanes, with
-//! one thread and with two. Each runs in a child process, for a driver reads its environment once.
+//! one thread and with two, or another driver that is named in `HALFLIGHT_OTHER_DRIVER`. Each runs in a child process, for
+//! a driver reads its environment once.
 
 use crate::common::{blobs, engine, linear, load, oblique, quiet, surface};
 use halflight::engine::{Engine, Options, devices};
@@ -50,23 +51,31 @@ fn numbers(engine: &Engine) -> Vec<Vec<f32>> {
 #[test]
 fn child_writes_its_numbers() {
     let Some(path) = std::env::var_os(CHILD) else { return };
-    let bytes: Vec<u8> = numbers(&engine()).iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    let engine = engine();
+    println!("{DRIVER}{}", engine.device().driver);
+    let bytes: Vec<u8> = numbers(&engine).iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(path, bytes).expect("written");
 }
 
-/// The numbers of a child with these variables set.
-fn child(variables: &[(&str, &str)]) -> Vec<f32> {
+/// What a child prints before its driver's name.
+const DRIVER: &str = "driver: ";
+
+/// The numbers of a child with these variables set, and its driver.
+fn child(variables: &[(&str, &str)]) -> (Vec<f32>, String) {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("numbers");
     let output = Command::new(std::env::current_exe().expect("this test"))
-        .args(["--exact", "devices::child_writes_its_numbers"])
+        .args(["--exact", "devices::child_writes_its_numbers", "--nocapture"])
         .env(CHILD, &path)
         .envs(variables.iter().copied())
         .output()
         .expect("the child starts");
-    assert!(output.status.success(), "{variables:?}: {}", String::from_utf8_lossy(&output.stdout));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{variables:?}: {said}");
+    let (_, driver) = said.split_once(DRIVER).expect("the child's driver");
     let bytes = std::fs::read(path).expect("the child wrote");
-    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    let numbers = bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    (numbers, driver.lines().next().unwrap_or_default().to_owned())
 }
 
 /// √(Σ(a − b)²/Σb²) and the largest difference.
@@ -102,15 +111,35 @@ fn other_vectors_and_threads_give_the_same_numbers() {
     let reference = numbers(&here);
     let flat: Vec<f32> = reference.iter().flatten().copied().collect();
     assert!(flat.iter().all(|v| v.is_finite()));
-    assert!(child(&[("LP_NUM_THREADS", "1")]).iter().zip(&flat).all(|(a, b)| a.to_bits() == b.to_bits()), "one thread gives other bits");
+    assert!(child(&[("LP_NUM_THREADS", "1")]).0.iter().zip(&flat).all(|(a, b)| a.to_bits() == b.to_bits()), "one thread gives other bits");
     for width in ["128", "256"] {
-        agree(&format!("vectors of {width} bits"), &child(&[("LP_NATIVE_VECTOR_WIDTH", width)]), &reference);
+        agree(&format!("vectors of {width} bits"), &child(&[("LP_NATIVE_VECTOR_WIDTH", width)]).0, &reference);
     }
     // Sabotage: a tenth more extinction is not within it.
     let (_, denser) = load(&here, &blobs(oblique([19, 14, 11]), 23), &linear(0.77));
     let s = Visibility { method: Method::March, ratio: 2, directions: 96, bits: 32, step: 0.5, ..Visibility::default() };
     let field = here.precompute(&denser, &s, &mut quiet).expect("field");
     assert!(differences(&here.read_field(&field).expect("read"), &reference[0]).0 > OPAQUE);
+}
+
+/// Names the manifest (`*_icd.json`) of a second driver; `HALFLIGHT_OTHER_LIBRARIES`, where set, is the folder of the
+/// libraries that it needs.
+const OTHER: &str = "HALFLIGHT_OTHER_DRIVER";
+
+#[test]
+fn another_driver_gives_the_same_numbers() {
+    let Ok(manifest) = std::env::var(OTHER) else {
+        println!("skipped: {OTHER} names no second driver's manifest");
+        return;
+    };
+    let libraries = std::env::var("HALFLIGHT_OTHER_LIBRARIES").or_else(|_| std::env::var("LD_LIBRARY_PATH")).unwrap_or_default();
+    let here = engine();
+    let reference = numbers(&here);
+    // Each name is read by some loaders only.
+    let variables = [("VK_DRIVER_FILES", &*manifest), ("VK_ICD_FILENAMES", &manifest), ("LD_LIBRARY_PATH", &libraries)];
+    let (other, driver) = child(&variables);
+    assert_ne!(driver, here.device().driver, "{manifest} is the driver that the tests run on");
+    agree(&driver, &other, &reference);
 }
 
 #[test]

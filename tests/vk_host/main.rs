@@ -1,6 +1,8 @@
 //! The host's own device under the engine: same pictures, its lock around submissions and nothing else, its device left alive.
 
 mod host;
+mod kernels;
+mod ledger;
 mod pictures;
 mod volumes;
 mod work;

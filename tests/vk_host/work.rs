@@ -284,6 +284,14 @@ impl<'a> Clock<'a> {
         unsafe { self.host.device.get_semaphore_counter_value(self.semaphore) }.unwrap()
     }
 
+    /// Whether it comes to stand at `value`, in a moment: some drivers signal a fence before the semaphores of the same submission.
+    pub fn reaches(&self, value: u64) -> bool {
+        let (semaphores, values) = ([self.semaphore], [value]);
+        let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
+        // SAFETY: alive.
+        unsafe { self.host.device.wait_semaphores(&info, 10_000_000_000) }.is_ok() && self.value() == value
+    }
+
     /// Reached by the processor.
     pub fn set(&self, value: u64) {
         let info = vk::SemaphoreSignalInfo::default().semaphore(self.semaphore).value(value);

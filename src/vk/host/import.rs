@@ -3,7 +3,8 @@
 use super::requirements::dotted;
 use super::{GetInstanceProcAddr, HostDevice, HostQueue, Requirements};
 use crate::error::{Error, Result};
-use crate::vk::raw::{self, Parts, Queue, Raw};
+use crate::vk::memory;
+use crate::vk::raw::{Parts, Queue, Raw};
 use crate::vk::select::{self, Options};
 use ash::vk::{self, Handle};
 use std::ffi::{CStr, c_char};
@@ -88,12 +89,12 @@ impl Raw {
         // SAFETY: as above.
         let device = unsafe { ash::Device::load(instance.fp_v1_0(), device) };
         // SAFETY: as above.
-        let knows = |name: &&CStr| unsafe { instance.get_device_proc_addr(device.handle(), name.as_ptr()) }.is_some();
+        let knows = |name: &CStr| unsafe { instance.get_device_proc_addr(device.handle(), name.as_ptr()) }.is_some();
         if let Some(name) = LATE.iter().find(|name| !knows(name)) {
             return Err(lacks(format!("the function {}", name.to_string_lossy())));
         }
         let named =
-            parts.extensions.iter().any(|e| e.as_bytes() == ash::ext::debug_utils::NAME.to_bytes()) && NAMES.iter().all(|n| knows(&n));
+            parts.extensions.iter().any(|e| e.as_bytes() == ash::ext::debug_utils::NAME.to_bytes()) && NAMES.iter().all(|n| knows(n));
         let names = named.then(|| ash::ext::debug_utils::Device::new(&instance, &device));
         let queue = vk::DeviceQueueInfo2::default()
             .flags(vk::DeviceQueueCreateFlags::from_raw(taken.flags))
@@ -108,7 +109,7 @@ impl Raw {
                 right: String::from("list the queues that the device was made with, with their flags"),
             });
         }
-        let allocator = raw::allocator(&instance, &device, physical)?;
+        let allocator = memory::allocator(&instance, &device, physical)?;
         let timestamp_bits = families.get(taken.family as usize).map_or(0, |f| f.timestamp_valid_bits);
         let made = Parts {
             physical,
@@ -119,7 +120,7 @@ impl Raw {
             names,
             messenger: None,
             allocator,
-            budget: options.memory_budget.unwrap_or_else(|| raw::default_budget(&info)),
+            budget: options.memory_budget.unwrap_or_else(|| memory::default_budget(&info)),
             info,
             limits,
             features: parts.features,
