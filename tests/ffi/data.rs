@@ -1,7 +1,7 @@
 //! Memory of the host: types, strides, copies, loans, maps, files.
 
 use crate::scenes::*;
-use crate::{Engine, init, ok, refused};
+use crate::{Engine, init};
 use halflight::ffi::*;
 use std::ffi::{CString, c_void};
 use std::sync::atomic::{AtomicUsize, Ordering};

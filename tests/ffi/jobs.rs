@@ -1,7 +1,7 @@
 //! Jobs: progress, cancelling, results before the end, edits, estimates.
 
 use crate::scenes::*;
-use crate::{Engine, init, ok, refused};
+use crate::{Engine, init};
 use halflight::ffi::*;
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::Mutex;

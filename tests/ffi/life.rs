@@ -1,7 +1,7 @@
 //! How things begin and end: versions, threads, growth, defects.
 
 use crate::scenes::*;
-use crate::{Engine, init, ok, refused};
+use crate::{Engine, init};
 use halflight::ffi::*;
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::Mutex;
@@ -27,7 +27,9 @@ fn engines_are_independent_and_threads_share_one() {
     let engines = [Engine::new(), Engine::new()];
     let work = |engine: &Engine| {
         let field = field(engine.0, &quick(volume(engine.0, 16)));
-        (0..4).map(|_| pixels(image(engine.0, &small(field)))).last().unwrap()
+        let all: Vec<_> = (0..4).map(|_| pixels(image(engine.0, &small(field)))).collect();
+        assert!(all.windows(2).all(|w| w[0] == w[1]));
+        all[0].clone()
     };
     let pictures: Vec<Vec<f32>> = std::thread::scope(|scope| {
         let threads: Vec<_> = [0, 0, 0, 1, 1].map(|e| (e, &engines)).map(|(e, all)| scope.spawn(move || work(&all[e]))).into();
@@ -126,7 +128,7 @@ fn cycles() {
     let data = ball(8);
     let round = |whole: bool| {
         if whole {
-            ok!(hl_engine_create(&hl_engine_info { pipeline_cache: c"".as_ptr(), ..init() }, made.as_ptr()));
+            ok!(hl_engine_create(std::ptr::null(), made.as_ptr()));
         }
         let engine = made.get();
         let (mut volume, mut light, mut transfer) = (std::ptr::null_mut(), std::ptr::null_mut(), std::ptr::null_mut());
@@ -150,15 +152,15 @@ fn cycles() {
         }
     };
     let grown = |count: u32, whole: bool| {
-        (0..count / 10).for_each(|_| round(whole));
+        (0..count / 5).for_each(|_| round(whole));
         let (start, before) = (Instant::now(), resident());
         (0..count).for_each(|_| round(whole));
         let grown = resident().saturating_sub(before);
         println!("{count} cycles (engine: {whole}) in {:.1} s: {} KiB more", start.elapsed().as_secs_f64(), grown >> 10);
         grown
     };
-    let engines = grown(30, true);
-    ok!(hl_engine_create(&hl_engine_info { pipeline_cache: c"".as_ptr(), ..init() }, made.as_ptr()));
+    let engines = grown(100, true);
+    ok!(hl_engine_create(std::ptr::null(), made.as_ptr()));
     let things = grown(1000, false);
     println!("RESULT {engines} {things}");
 }
@@ -174,6 +176,6 @@ fn a_thousand_cycles_do_not_grow() {
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
     let line = text.lines().find_map(|l| l.strip_prefix("RESULT ")).expect("a result");
     let grown: Vec<u64> = line.split(' ').map(|n| n.parse().unwrap()).collect();
-    // A leak of one byte a pixel or voxel and cycle would be 0.5 MiB; the allocator's own drift is less.
-    assert!(grown[1] < 2 << 20, "{grown:?}");
+    // 4 KiB a cycle would be 4 MiB of things, and 40 KiB an engine: the drift of allocator and driver is less.
+    assert!(grown.iter().all(|&g| g < 4 << 20), "{grown:?}");
 }

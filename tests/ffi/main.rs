@@ -1,6 +1,26 @@
 //! The C interface, called as C calls it (from Rust, so that all of its answers can be looked at).
 #![cfg(feature = "capi")]
 
+/// Calls, and fails with the sentence.
+macro_rules! ok {
+    ($call:expr) => {{
+        // SAFETY: the test hands over what the header asks for.
+        let status = unsafe { $call };
+        assert_eq!(status, halflight::ffi::HL_OK, "{}: {:?}", stringify!($call), $crate::last(std::ptr::null()));
+    }};
+}
+
+/// Calls, and expects a status and a sentence to it that holds some words.
+macro_rules! refused {
+    ($status:expr, $words:expr, $call:expr) => {{
+        // SAFETY: what is wrong in it is what the library promises to find out.
+        let status = unsafe { $call };
+        assert_eq!(status, $status, "{}", stringify!($call));
+        let (kept, text) = $crate::last(std::ptr::null());
+        assert!(kept == $status && text.contains($words), "{}: {kept} {text:?} lacks {:?}", stringify!($call), $words);
+    }};
+}
+
 mod data;
 mod jobs;
 mod life;
@@ -12,7 +32,7 @@ use halflight::ffi::*;
 use std::ffi::{CStr, c_char};
 
 /// A struct as `HL_INIT` makes it.
-pub fn init<T: halflight::ffi::abi::Sized_>() -> T {
+pub(crate) fn init<T: halflight::ffi::abi::Sized_>() -> T {
     // SAFETY: any bytes are a value of such a struct.
     let mut value: T = unsafe { std::mem::MaybeUninit::zeroed().assume_init() };
     // SAFETY: every such struct begins with its size.
@@ -21,7 +41,7 @@ pub fn init<T: halflight::ffi::abi::Sized_>() -> T {
 }
 
 /// Status and sentence of this thread's last fault.
-pub fn last(engine: *const hl_engine) -> (i32, String) {
+pub(crate) fn last(engine: *const hl_engine) -> (i32, String) {
     let mut text = [0 as c_char; 1024];
     // SAFETY: there is room for so many bytes.
     unsafe {
@@ -30,30 +50,8 @@ pub fn last(engine: *const hl_engine) -> (i32, String) {
     }
 }
 
-/// Calls, and fails with the sentence.
-#[macro_export]
-macro_rules! ok {
-    ($call:expr) => {{
-        // SAFETY: the test hands over what the header asks for.
-        let status = unsafe { $call };
-        assert_eq!(status, halflight::ffi::HL_OK, "{}: {:?}", stringify!($call), $crate::last(std::ptr::null()));
-    }};
-}
-
-/// Calls, and expects a status and a sentence to it that holds some words.
-#[macro_export]
-macro_rules! refused {
-    ($status:expr, $words:expr, $call:expr) => {{
-        // SAFETY: what is wrong in it is what the library promises to find out.
-        let status = unsafe { $call };
-        assert_eq!(status, $status, "{}", stringify!($call));
-        let (kept, text) = $crate::last(std::ptr::null());
-        assert!(kept == $status && text.contains($words), "{}: {kept} {text:?} lacks {:?}", stringify!($call), $words);
-    }};
-}
-
 /// An engine whose destruction fails the test if the validation layers said anything.
-pub struct Engine(pub *mut hl_engine);
+pub(crate) struct Engine(pub *mut hl_engine);
 
 // SAFETY: handles may be used on any thread.
 unsafe impl Send for Engine {}
@@ -61,7 +59,7 @@ unsafe impl Send for Engine {}
 unsafe impl Sync for Engine {}
 
 impl Engine {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let mut engine = std::ptr::null_mut();
         let info = hl_engine_info { validate: 1, ..init() };
         ok!(hl_engine_create(&info, &mut engine));

@@ -2,7 +2,7 @@
 //! status, never more.
 
 use crate::scenes::*;
-use crate::{Engine, init, ok, refused};
+use crate::{Engine, init};
 use halflight::ffi::*;
 use std::collections::BTreeSet;
 use std::ffi::c_void;

@@ -2,7 +2,7 @@
 #![cfg(feature = "cli")]
 
 use crate::scenes::*;
-use crate::{Engine, init, ok};
+use crate::{Engine, init};
 use halflight::ffi::*;
 use halflight::io;
 use halflight::scene::{Picture, Probe};
@@ -125,5 +125,5 @@ fn fields_go_to_files_and_back() {
     assert_eq!(pixels(image(engine.0, &small(theirs))), pixels(image(engine.0, &small(field(engine.0, &quick(volume))))));
     let other = self::volume(engine.0, 24);
     let info = hl_precompute_info { volume: other, ..init() };
-    crate::refused!(HL_ERROR_FORMAT, "do not belong to 24x24x24", hl_field_load(engine.0, path("c.nrrd").as_ptr(), &info, &mut theirs));
+    refused!(HL_ERROR_FORMAT, "do not belong to 24x24x24", hl_field_load(engine.0, path("c.nrrd").as_ptr(), &info, &mut theirs));
 }

@@ -1,6 +1,6 @@
 //! A small scene for the tests.
 
-use crate::{init, ok};
+use crate::init;
 use halflight::ffi::*;
 
 /// Samples of a ball with a bite, 0..255.
