@@ -13,6 +13,10 @@ mod constants;
 mod reflect;
 
 fn main() -> ExitCode {
+    // The name that programs which link the shared library look for: its version is that of the ABI (HL_ABI).
+    if std::env::var("CARGO_CFG_TARGET_OS").is_ok_and(|os| os == "linux") {
+        println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,libhalflight.so.0");
+    }
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(text) => {

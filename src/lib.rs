@@ -52,6 +52,8 @@ pub mod chart;
 pub mod demo;
 pub mod engine;
 pub mod error;
+#[cfg(feature = "capi")]
+pub mod ffi;
 pub mod io;
 pub mod kernels;
 pub mod measure;

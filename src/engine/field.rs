@@ -24,6 +24,9 @@ struct FieldData {
     layout: Arc<Layout>,
 }
 
+/// Gives a tile's sums: its cells, the stride between coefficients, sums of 0.
+type Fill<'a> = dyn Fn(&[u32], usize, &mut [f32]) + 'a;
+
 /// Which bricks a field holds, and the directory that kernels look them up in. Passes share it.
 pub(super) struct Layout {
     pub bricks: Bricks,
@@ -176,14 +179,14 @@ impl Engine {
         rec.submit()
     }
 
-    /// Hands tiles of cells with the sums that `fill` gives (cells, stride between coefficients, sums of 0) to `store`.
+    /// Hands tiles of cells with the sums that `fill` gives to `store`.
     fn put(
         &self,
         grid: &Grid,
         settings: &Visibility,
         cells: &[u32],
         tile: usize,
-        fill: &dyn Fn(&[u32], usize, &mut [f32]),
+        fill: &Fill,
         store: &mut dyn FnMut(&Run) -> Result<()>,
     ) -> Result<()> {
         if cells.is_empty() {

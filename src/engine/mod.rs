@@ -3,6 +3,7 @@
 
 mod aov;
 mod budget;
+mod cost;
 mod estimate;
 mod field;
 pub mod host;
@@ -19,16 +20,17 @@ use crate::scene::{Clip, Grid, Matter, Samples, Volume};
 use crate::stages::{self, Encoding, MediumView};
 use crate::vk::{self, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 pub use budget::{Need, precompute_memory};
+pub use cost::Cost;
 pub use field::Field;
 pub use occupancy::Occupancy;
 pub use precompute::Pass;
 pub use reference::{Reference, ReferenceSettings};
 pub use relight::Lit;
 
-pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
+pub use crate::vk::{DeviceInfo, DeviceKind, Memory, Options, Span, devices};
 
 /// Told the stage's name and the fraction 0..1 of the whole call that is done, before the first dispatch and after each;
 /// `Break` cancels ([`Error::Cancelled`]) before the next.
@@ -44,6 +46,15 @@ const SURFACE_DEPTH: f64 = 64.0;
 /// A Vulkan device with the kernels on it.
 pub struct Engine {
     device: vk::Device,
+    account: Mutex<Account>,
+}
+
+/// Device time that was seen.
+#[derive(Default)]
+struct Account {
+    /// Since it was last taken.
+    kept: Vec<Span>,
+    total: Vec<Span>,
 }
 
 /// A volume on the device. Clones share it.
@@ -100,6 +111,11 @@ impl Medium {
         &self.table
     }
 
+    /// Whether it is an opaque surface.
+    pub fn has_surface(&self) -> bool {
+        self.matter.surface.is_some()
+    }
+
     /// Which blocks hold matter.
     pub fn occupancy(&self) -> &Occupancy {
         &self.occupancy
@@ -149,7 +165,7 @@ impl Engine {
     fn on(device: vk::Device) -> Result<Self> {
         match device.lacking(&host::requirements()) {
             Some(lacks) => Err(Error::DeviceLacks { device: device.info().name.clone(), lacks }),
-            None => Ok(Self { device }),
+            None => Ok(Self { device, account: Mutex::default() }),
         }
     }
 
@@ -165,7 +181,38 @@ impl Engine {
 
     /// Device time per kernel since the last call.
     pub fn take_timings(&self) -> Vec<Span> {
-        self.device.take_timings()
+        std::mem::take(&mut self.settled().kept)
+    }
+
+    /// Gives back what was taken, for others to take.
+    pub fn put_timings(&self, spans: Vec<Span>) {
+        Self::merge_timings(&mut self.settled().kept, spans);
+    }
+
+    /// Device time per kernel since the engine was made.
+    pub fn total_timings(&self) -> Vec<Span> {
+        self.settled().total.clone()
+    }
+
+    /// Adds up spans by kernel.
+    pub fn merge_timings(into: &mut Vec<Span>, spans: impl IntoIterator<Item = Span>) {
+        for span in spans {
+            match into.iter_mut().find(|s| s.kernel == span.kernel) {
+                Some(sum) => {
+                    sum.calls += span.calls;
+                    sum.seconds += span.seconds;
+                }
+                None => into.push(span),
+            }
+        }
+    }
+
+    fn settled(&self) -> MutexGuard<'_, Account> {
+        let mut account = self.account.lock().unwrap_or_else(PoisonError::into_inner);
+        let new = self.device.take_timings();
+        Self::merge_timings(&mut account.kept, new.iter().cloned());
+        Self::merge_timings(&mut account.total, new);
+        account
     }
 
     /// What the validation layers complained of (with [`Options::validation`]).

@@ -144,7 +144,7 @@ pub fn linear(srgb: f32) -> f32 {
 }
 
 /// One pixel for display.
-fn display([r, g, b, alpha]: [f32; 4], gain: f32) -> [u8; 4] {
+pub(crate) fn display([r, g, b, alpha]: [f32; 4], gain: f32) -> [u8; 4] {
     // A NaN goes through as NaN and ends as 0 in the cast.
     let alpha = alpha.clamp(0.0, 1.0);
     let color = |x: f32| if alpha > 0.0 { quantised(srgb(x.max(0.0) / alpha * gain)) } else { 0 };

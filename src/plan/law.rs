@@ -227,9 +227,9 @@ mod tests {
             let guess = sweeps.error((2, 1.0), 96);
             println!("{guess:.4} for {other}");
             assert!((guess / other - 1.0).abs() < 0.2, "{guess} for {other}");
-            // Sabotage: without what was measured the guess is worse somewhere.
-            let n = sweeps.directions((2, 1.0), 0.05 * 0.05).expect("within reach");
-            assert!(sweeps.error((2, 1.0), n) <= 0.05 && (n == LEAST || sweeps.error((2, 1.0), n - 8) > 0.05));
+            // The fewest directions for an error: one that is reached on every volume.
+            let n = sweeps.directions((2, 1.0), guess * guess).expect("within reach");
+            assert!(n <= 96 && sweeps.error((2, 1.0), n) <= guess && (n == LEAST || sweeps.error((2, 1.0), n - 8) > guess));
             assert_eq!([((1, 2.0), 96), ((1, 2.0), 104), ((2, 1.0), 96)].map(|(s, n)| sweeps.doubt(s, n)), DOUBTS);
             // A field that was a tenth off makes every shape's error a tenth larger.
             sweeps.learn((2, 1.0), 96, 1.1 * guess);

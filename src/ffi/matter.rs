@@ -1,0 +1,117 @@
+//! `hl_transfer_*` and `hl_surface`: what fills a volume.
+
+use super::abi::*;
+use super::call::{alone, choice, enter, numbers, out, read, switch};
+use super::fault::{Fault, Result};
+use super::handle::Object;
+use super::host::{Host, Users, lock};
+use crate::scene::scene::ramp;
+use crate::scene::transfer::{Kind, Reference};
+use crate::scene::{Matter, Shading, Surface, Transfer};
+use std::sync::{Arc, Mutex};
+
+/// Points that are taken seriously.
+const MAX_POINTS: u32 = 1 << 20;
+
+/// What a transfer function's handle stands for.
+pub(super) struct TransferCell {
+    host: Arc<Host>,
+    users: Users,
+    state: Mutex<State>,
+}
+
+/// The function, or a ramp over whatever range the data have.
+#[derive(Clone)]
+enum State {
+    Points(Transfer),
+    Ramp(Reference),
+}
+
+impl Object for TransferCell {
+    type Handle = hl_transfer;
+    const NAME: &'static str = "transfer function";
+
+    fn host(&self) -> &Arc<Host> {
+        &self.host
+    }
+}
+
+impl AsRef<Users> for TransferCell {
+    fn as_ref(&self) -> &Users {
+        &self.users
+    }
+}
+
+impl State {
+    fn of(info: *const hl_transfer_info) -> Result<Self> {
+        if info.is_null() {
+            return Ok(Self::Ramp(Reference::Voxel));
+        }
+        let info = read("hl_transfer_info", info)?;
+        alone("hl_transfer_info", info.next)?;
+        let references = [(HL_PER_VOXEL, Reference::Voxel), (HL_PER_WORLD, Reference::World), (HL_PER_SIDE, Reference::Side)];
+        let reference = choice("hl_transfer_info.reference", info.reference, &references)?;
+        let kind = choice("hl_transfer_info.kind", info.kind, &[(HL_OPACITY, Kind::Opacity), (HL_EXTINCTION, Kind::Extinction)])?;
+        if info.points.is_null() && info.count == 0 {
+            return Ok(Self::Ramp(reference));
+        }
+        if info.count == 0 || info.count > MAX_POINTS {
+            return Err(Fault::invalid("hl_transfer_info.count", format_args!("is {}", info.count), "1 to 1048576 points are taken"));
+        }
+        let points = numbers("hl_transfer_info.points", info.points.cast::<[f64; 5]>(), info.count as usize)?;
+        Ok(Self::Points(Transfer::from_points(&points, kind, reference)?))
+    }
+}
+
+/// The matter that a precompute asks for.
+pub(super) fn matter(transfer: Option<&TransferCell>, surface: *const hl_surface, range: [f32; 2]) -> Result<Matter> {
+    let state = transfer.map_or(State::Ramp(Reference::Voxel), |t| lock(&t.state).clone());
+    let transfer = match state {
+        State::Points(transfer) => transfer,
+        State::Ramp(reference) => ramp(range, reference)?,
+    };
+    let surface = if surface.is_null() { None } else { Some(surface_of(&read("hl_surface", surface)?)?) };
+    Ok(Matter { transfer, surface })
+}
+
+fn surface_of(info: &hl_surface) -> Result<Surface> {
+    alone("hl_surface", info.next)?;
+    let shading = choice("hl_surface.shading", info.shading, &[(HL_LAMBERT, Shading::Lambert), (HL_ISOTROPIC, Shading::Isotropic)])?;
+    let own = switch("hl_surface.own_albedo", info.own_albedo)?;
+    if own && !info.albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
+        return Err(Fault::invalid("hl_surface.albedo", format_args!("is {:?}", info.albedo), "it must lie in 0..1"));
+    }
+    Ok(Surface { iso: info.iso, shading, albedo: own.then_some(info.albedo) })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_transfer_create(
+    engine: *mut hl_engine,
+    info: *const hl_transfer_info,
+    transfer: *mut *mut hl_transfer,
+) -> hl_status {
+    enter(|scope| {
+        let out = out("transfer", transfer)?;
+        let host = scope.engine(engine)?;
+        let state = Mutex::new(State::of(info)?);
+        out.give(Arc::new(TransferCell { host, users: Users::default(), state }))
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_transfer_set(transfer: *mut hl_transfer, info: *const hl_transfer_info) -> hl_status {
+    enter(|scope| {
+        let transfer = scope.get::<TransferCell>(transfer)?;
+        transfer.users.none(TransferCell::NAME)?;
+        *lock(&transfer.state) = State::of(info)?;
+        Ok(HL_OK)
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_transfer_destroy(transfer: *mut hl_transfer) -> hl_status {
+    enter(|scope| {
+        scope.take::<TransferCell>(transfer)?;
+        Ok(HL_OK)
+    })
+}

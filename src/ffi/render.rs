@@ -1,0 +1,222 @@
+//! `hl_render*`: from a field and a light to a picture.
+
+use super::abi::*;
+use super::abi_vulkan::hl_vulkan_image;
+use super::call::{Scope, choice, enter, fill, finite, out, read};
+use super::fault::{Fault, Result};
+use super::field::FieldCell;
+use super::host::{Host, InUse};
+use super::image::ImageCell;
+use super::job::{Body, Job, Progress, Work};
+use super::light::{LightCell, LightState};
+use super::vulkan;
+use crate::engine::ReferenceSettings;
+use crate::scene::camera::{CameraSettings, DEFAULT_FOV_DEGREES, Space};
+use crate::scene::scene::{MAX_SIDE, fill_background};
+use crate::scene::{Background, Camera, ImageSettings, Picture};
+use glam::DVec3;
+use std::sync::Arc;
+
+/// A whole request. It holds what it reads.
+struct Request {
+    host: Arc<Host>,
+    field: Arc<FieldCell>,
+    light: LightState,
+    /// Cannot be changed while this lives.
+    _light: Option<InUse<LightCell>>,
+    camera: Camera,
+    image: ImageSettings,
+    reference: Option<ReferenceSettings>,
+    /// An image of the host's device, in place of one in main memory.
+    target: Option<Target>,
+    progress: Progress,
+}
+
+impl Request {
+    fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_render_info) -> Result<Self> {
+        let host = scope.engine(engine)?;
+        let info = read("hl_render_info", info)?;
+        let target = target(&info)?;
+        let field = scope.get::<FieldCell>(info.field)?;
+        let light = scope.optional::<LightCell>(info.light)?.map(InUse::new);
+        let image = image(&info)?;
+        let aspect = image.width as f64 / image.height as f64;
+        let camera = Camera::from_settings(&camera(&info.camera)?, field.medium.grid(), aspect)?;
+        Ok(Self {
+            host,
+            light: light.as_ref().map_or_else(LightState::white, |l| l.0.state()),
+            _light: light,
+            camera,
+            image,
+            reference: reference(&info)?,
+            target,
+            field,
+            progress: Progress { callback: info.progress, user: info.user },
+        })
+    }
+
+    fn body(self) -> Body {
+        Box::new(move |work| self.work(work))
+    }
+
+    fn work(self, work: &mut Work) -> Result<()> {
+        let engine = work.engine();
+        work.step("relight", 0.0)?;
+        let medium = &self.field.medium;
+        if let Some(Target(target)) = &self.target {
+            let lit = self.field.lit(&engine, &self.light.prepared())?;
+            let mut image = vulkan::host_image(target);
+            let done = engine.render_to(medium, &lit, &self.camera, &self.image, &mut image, &mut |stage, f| work.tell(stage, f));
+            vulkan::tell(target.handed_back, image.handed_back());
+            return Ok(done?);
+        }
+        let (mut picture, samples) = match &self.reference {
+            Some(settings) => {
+                let sky = self.light.sky()?;
+                let mut progress = |stage, f| work.tell(stage, f);
+                let made = engine.render_reference(medium, &sky, &self.camera, &self.image, settings, &mut progress)?;
+                let e = made.relative_error;
+                work.error([e, e, e]);
+                (made.picture, made.samples)
+            }
+            None => {
+                let lit = self.field.lit(&engine, &self.light.prepared())?;
+                (engine.render(medium, &lit, &self.camera, &self.image, &mut |stage, f| work.tell(stage, f))?, 0)
+            }
+        };
+        self.background(&mut picture)?;
+        work.image(ImageCell::new(self.host, picture), samples);
+        Ok(())
+    }
+
+    fn background(&self, picture: &mut Picture) -> Result<()> {
+        if self.image.background == Background::Transparent {
+            return Ok(());
+        }
+        let rays = self.camera.rays(self.field.medium.grid(), picture.width, picture.height)?;
+        match self.image.background {
+            Background::Color(rgb) => fill_background(picture, &rays, |_| rgb),
+            _ => fill_background(picture, &rays, |dir| self.light.background(dir)),
+        }
+        Ok(())
+    }
+}
+
+/// An image of the host's device.
+struct Target(hl_vulkan_image);
+
+// SAFETY: the header says that the image, and where its return is told, are the engine's until the job has ended.
+unsafe impl Send for Target {}
+
+fn target(info: &hl_render_info) -> Result<Option<Target>> {
+    if info.next.is_null() {
+        return Ok(None);
+    }
+    let image = vulkan::image("hl_render_info.next", info.next)?;
+    if info.background != HL_BACKGROUND_NONE || info.reference != 0.0 {
+        let right = "an image of the host's takes the picture with its coverage alone: lay it over a background there";
+        return Err(Fault::invalid("hl_render_info.background or reference", "is set", right));
+    }
+    Ok(Some(Target(image)))
+}
+
+fn camera(info: &hl_camera) -> Result<CameraSettings> {
+    let up = if info.up == [0.0; 3] { DVec3::Z } else { DVec3::from(info.up) };
+    let spaces = [(HL_CAMERA_FRAME, None), (HL_CAMERA_SIDE, Some(Space::Side)), (HL_CAMERA_WORLD, Some(Space::World))];
+    let space = choice("hl_camera.space", info.space, &spaces)?;
+    Ok(CameraSettings {
+        position: space.map(|_| DVec3::from(info.position)),
+        target: space.map(|_| DVec3::from(info.target)),
+        up,
+        fov_degrees: if info.fov == 0.0 { DEFAULT_FOV_DEGREES } else { info.fov },
+        space: space.unwrap_or_default(),
+        ..CameraSettings::default()
+    })
+}
+
+fn image(info: &hl_render_info) -> Result<ImageSettings> {
+    let default = ImageSettings::default();
+    let side = |item, n: u32, default: usize| match n as usize {
+        0 => Ok(default),
+        n if n <= MAX_SIDE => Ok(n),
+        n => Err(Fault::invalid(item, format_args!("is {n} pixels"), &format!("at most {MAX_SIDE} are rendered"))),
+    };
+    let background = match info.background {
+        HL_BACKGROUND_NONE => Background::Transparent,
+        HL_BACKGROUND_COLOR => {
+            finite("hl_render_info.background_color", &info.background_color.map(f64::from))?;
+            Background::Color(info.background_color)
+        }
+        HL_BACKGROUND_LIGHT => Background::Light,
+        other => {
+            return Err(Fault::invalid("hl_render_info.background", format_args!("is {other}"), "it must be one of HL_BACKGROUND_..."));
+        }
+    };
+    Ok(ImageSettings {
+        width: side("hl_render_info.width", info.width, default.width)?,
+        height: side("hl_render_info.height", info.height, default.height)?,
+        step: if info.step == 0.0 { default.step } else { info.step },
+        background,
+        ..default
+    })
+}
+
+fn reference(info: &hl_render_info) -> Result<Option<ReferenceSettings>> {
+    finite("hl_render_info.reference and reference_seconds", &[info.reference, info.reference_seconds])?;
+    if info.reference < 0.0 || info.reference_seconds < 0.0 {
+        return Err(Fault::invalid("hl_render_info.reference", "is negative, or its seconds are", "they must be 0 or above"));
+    }
+    let default = ReferenceSettings::default();
+    Ok((info.reference > 0.0).then(|| ReferenceSettings {
+        error: info.reference,
+        samples: if info.reference_samples == 0 { default.samples } else { info.reference_samples },
+        seconds: (info.reference_seconds > 0.0).then_some(info.reference_seconds),
+        seed: info.seed,
+        ..default
+    }))
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_render(engine: *mut hl_engine, info: *const hl_render_info, image: *mut *mut hl_image) -> hl_status {
+    enter(|scope| {
+        let out = if image.is_null() { None } else { Some(out("image", image)?) };
+        let request = Request::of(scope, engine, info)?;
+        if out.is_none() && request.target.is_none() {
+            return Err(Fault::invalid("image", "is NULL", "a place for the handle is needed, or an image of the host's device"));
+        }
+        let (host, progress) = (request.host.clone(), request.progress);
+        let job = Job::run(&host, progress, request.body())?;
+        match (out, job.image()) {
+            (Some(out), Some(image)) => out.give(image),
+            _ => Ok(HL_OK),
+        }
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_render_start(engine: *mut hl_engine, info: *const hl_render_info, job: *mut *mut hl_job) -> hl_status {
+    enter(|scope| {
+        let out = out("job", job)?;
+        let request = Request::of(scope, engine, info)?;
+        let (host, progress) = (request.host.clone(), request.progress);
+        out.give(Job::start(&host, progress, request.body())?)
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_render_estimate(engine: *mut hl_engine, info: *const hl_render_info, estimate: *mut hl_estimate) -> hl_status {
+    enter(|scope| {
+        let request = Request::of(scope, engine, info)?;
+        let turn = request.host.turn()?;
+        let engine = turn.engine();
+        let lit = request.field.lit(engine, &request.light.prepared())?;
+        let cost = engine.picture_cost(&request.field.medium, &lit, &request.camera, &request.image)?;
+        let memory = engine.memory();
+        fill("hl_estimate", estimate, |out| {
+            out.peak = memory.used.saturating_add(cost.passing);
+            (out.result, out.free) = (cost.kept, memory.budget.saturating_sub(memory.used));
+            // What a reference picture takes, only its passes tell.
+            out.seconds = if request.reference.is_some() { -1.0 } else { cost.seconds };
+        })
+    })
+}

@@ -1,0 +1,289 @@
+//! The shared library and its headers as programs in C, C++ and Python meet them.
+#![cfg(all(feature = "capi", target_os = "linux"))]
+
+use halflight::io::read_picture;
+use halflight::scene::{Picture, Samples};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::LazyLock;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+/// The library that this test's crate was built with.
+fn library() -> PathBuf {
+    let deps = std::env::current_exe().unwrap().parent().unwrap().to_owned();
+    let file = deps.join("libhalflight.so");
+    assert!(file.exists(), "{} is not there: the crate's lib lacks crate-type cdylib", file.display());
+    file
+}
+
+/// A place with headers, library, pkg-config file, the built examples, and a small volume.
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+static PLACE: LazyLock<Place> = LazyLock::new(|| {
+    let place = Place { folder: tempfile::tempdir().unwrap() };
+    place.install();
+    place.make("c", &[]);
+    let Samples::U8(bytes) = halflight::demo::volume(N).unwrap().samples().clone() else { panic!("the demo's samples") };
+    std::fs::write(place.at("volume.raw"), bytes).unwrap();
+    place
+});
+
+/// Voxels of the volume along x and y; half of it along z.
+const N: usize = 48;
+
+fn volume() -> [String; 4] {
+    [PLACE.at("volume.raw").display().to_string(), N.to_string(), N.to_string(), (N / 2).to_string()]
+}
+
+impl Place {
+    fn at(&self, path: &str) -> PathBuf {
+        self.folder.path().join(path)
+    }
+
+    /// What `cargo cinstall` would lay, from the library at hand.
+    fn install(&self) {
+        for folder in ["include", "lib/pkgconfig"] {
+            std::fs::create_dir_all(self.at(folder)).unwrap();
+        }
+        for header in ["halflight.h", "halflight_vulkan.h"] {
+            std::fs::copy(Path::new(ROOT).join("include").join(header), self.at("include").join(header)).unwrap();
+        }
+        std::os::unix::fs::symlink(library(), self.at("lib/libhalflight.so.0")).unwrap();
+        std::os::unix::fs::symlink("libhalflight.so.0", self.at("lib/libhalflight.so")).unwrap();
+        let prefix = self.folder.path().display();
+        let text = format!(
+            "prefix={prefix}\nName: halflight\nDescription: d\nVersion: 0.1.0\nLibs: -L${{prefix}}/lib -lhalflight\nCflags: -I${{prefix}}/include\n"
+        );
+        std::fs::write(self.at("lib/pkgconfig/halflight.pc"), text).unwrap();
+    }
+
+    /// Builds the examples with their own Makefile, in a folder of this name.
+    fn make(&self, name: &str, variables: &[&str]) {
+        std::fs::create_dir_all(self.at(name)).unwrap();
+        for file in std::fs::read_dir(Path::new(ROOT).join("examples/c")).unwrap().flatten() {
+            std::fs::copy(file.path(), self.at(name).join(file.file_name())).unwrap();
+        }
+        let out = Command::new("make")
+            .args(["-s", "-C"])
+            .arg(self.at(name))
+            .args(variables)
+            .env("PKG_CONFIG_PATH", self.at("lib/pkgconfig"))
+            .output()
+            .expect("make and pkg-config (Debian: build-essential pkg-config libvulkan-dev)");
+        assert!(out.status.success() && out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+    }
+
+    fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
+        let mut command = Command::new(program);
+        command.env("LD_LIBRARY_PATH", self.at("lib"));
+        command
+    }
+
+    fn run(&self, program: &str, arguments: &[&str]) -> Output {
+        let mut command = self.command(self.at(program));
+        done(command.args(arguments).env("HOST_DEVICE_VALIDATE", "1"))
+    }
+}
+
+fn done(command: &mut Command) -> Output {
+    let out = command.output().unwrap_or_else(|e| panic!("{command:?}: {e}"));
+    let (said, wrong) = (String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+    assert!(out.status.success(), "{command:?}: {}\n{said}\n{wrong}", out.status);
+    out
+}
+
+fn picture(path: &Path) -> Picture {
+    read_picture(path).unwrap_or_else(|e| panic!("{e}")).1
+}
+
+fn arguments<'a>(volume: &'a [String; 4], last: &'a str) -> Vec<&'a str> {
+    volume.iter().map(String::as_str).chain([last]).collect()
+}
+
+#[test]
+fn only_the_interface_is_exported() {
+    let out = done(Command::new("nm").args(["-D", "--defined-only", "--format=posix"]).arg(library()));
+    let text = String::from_utf8(out.stdout).unwrap();
+    let names: BTreeSet<&str> = text.lines().filter_map(|l| l.split(' ').next()).collect();
+    assert_eq!(names, include_str!("ffi/symbols.txt").lines().collect());
+    let out = done(Command::new("readelf").arg("-d").arg(library()));
+    let text = String::from_utf8(out.stdout).unwrap();
+    assert!(text.contains("Library soname: [libhalflight.so.0]"), "{text}");
+}
+
+#[test]
+fn the_commands_crates_are_not_in_the_library() {
+    let out = done(Command::new(env!("CARGO")).current_dir(ROOT).args([
+        "tree",
+        "--offline",
+        "--no-default-features",
+        "--features",
+        "capi",
+        "-e",
+        "normal",
+        "--prefix",
+        "none",
+    ]));
+    let text = String::from_utf8(out.stdout).unwrap();
+    let crates: BTreeSet<&str> = text.lines().filter_map(|l| l.split(' ').next()).collect();
+    assert!(crates.contains("ash") && crates.contains("png"), "{crates:?}");
+    for name in ["clap", "indicatif", "env_logger", "resvg", "base64", "criterion", "cbindgen"] {
+        assert!(!crates.contains(name), "{name} is in the library");
+    }
+}
+
+#[test]
+fn examples_build_as_cpp() {
+    PLACE.make("cpp", &["CC=g++", "CFLAGS=-x c++ -O1 -Wall -Wextra -Werror"]);
+    let (volume, out) = (volume(), PLACE.at("cpp.png"));
+    PLACE.run("cpp/minimal", &arguments(&volume, out.to_str().unwrap()));
+    assert!(picture(&out).rgba.iter().any(|p| p[3] > 0.5));
+}
+
+/// What the command makes of the examples' scene.
+#[cfg(feature = "cli")]
+fn by_command(name: &str) -> Picture {
+    let out = PLACE.at(name);
+    let dims = format!("[{N}, {N}, {}]", N / 2);
+    done(
+        Command::new(env!("CARGO_BIN_EXE_halflight"))
+            .arg("render")
+            .arg(PLACE.at("volume.raw"))
+            .args(["--volume.dims", &dims, "--volume.type", "uint8", "--visibility.method", "sweep", "--visibility.directions", "96"])
+            .args(["--image.width", "640", "--image.height", "480", "-o"])
+            .arg(&out),
+    );
+    picture(&out)
+}
+
+#[test]
+#[cfg(feature = "cli")]
+fn a_raw_volume_becomes_the_picture_of_the_command() {
+    let (volume, out) = (volume(), PLACE.at("minimal.png"));
+    PLACE.run("c/minimal", &arguments(&volume, out.to_str().unwrap()));
+    let (theirs, ours) = (by_command("command.png"), picture(&out));
+    assert!(ours == theirs && ours.rgba.iter().any(|p| p[3] > 0.5));
+    // What goes wrong is a sentence.
+    let mut command = PLACE.command(PLACE.at("c/minimal"));
+    let failed = command.args(arguments(&volume, "/nowhere/a.png")).output().unwrap();
+    let said = String::from_utf8_lossy(&failed.stderr);
+    assert!(failed.status.code() == Some(1) && said.contains("no such folder"), "{said}");
+}
+
+#[test]
+#[cfg(feature = "cli")]
+fn a_host_with_its_own_device_gets_the_same_picture() {
+    let (volume, out) = (volume(), PLACE.at("host.png"));
+    // Its validation layer has nothing to say, or it fails.
+    let said = PLACE.run("c/host_device", &arguments(&volume, out.to_str().unwrap()));
+    assert!(said.stderr.is_empty(), "{}", String::from_utf8_lossy(&said.stderr));
+    assert!(picture(&out) == by_command("command_host.png"));
+}
+
+#[test]
+fn pictures_get_better_and_lights_turn() {
+    let (volume, folder) = (volume(), PLACE.at("progressive"));
+    std::fs::create_dir_all(&folder).unwrap();
+    let out = PLACE.run("c/progressive", &arguments(&volume, folder.to_str().unwrap()));
+    let said = String::from_utf8_lossy(&out.stdout);
+    println!("{said}");
+    assert!(said.contains("pass of 128 directions") && said.contains("classify 0 %") && said.contains("sweep 100 %"), "{said}");
+    let all: Vec<Picture> = ["pass-0", "pass-1", "edited-0", "light-0", "light-1", "light-3"]
+        .map(|name| picture(&folder.join(name).with_extension("png")))
+        .into();
+    for (i, a) in all.iter().enumerate() {
+        assert!(all[i + 1..].iter().all(|b| a != b) || i == 2, "picture {i} has a twin");
+    }
+    // The edit came before the light turned.
+    assert!(all[2] == all[3]);
+}
+
+#[test]
+fn no_memory_is_misused_or_leaked() {
+    PLACE.make("asan", &["PROGRAMS=minimal progressive", "CFLAGS=-std=c99 -g -O1 -fsanitize=address -fno-omit-frame-pointer"]);
+    // What the driver leaves behind is its own affair.
+    let driver = "leak:libvulkan_lvp\nleak:libLLVM\nleak:libvulkan.so\nleak:<unknown module>\n";
+    std::fs::write(PLACE.at("suppressions"), driver).unwrap();
+    let options = format!("suppressions={}:print_suppressions=0", PLACE.at("suppressions").display());
+    let (volume, out) = (volume(), PLACE.at("asan.png"));
+    for (program, last) in [("minimal", out.clone()), ("progressive", PLACE.at("asan"))] {
+        let mut command = PLACE.command(PLACE.at("asan").join(program));
+        command.env("LSAN_OPTIONS", &options).env("ASAN_OPTIONS", "detect_leaks=1");
+        done(command.args(arguments(&volume, last.to_str().unwrap())));
+    }
+    // Sabotage: what is left behind is seen.
+    let code = "#include <halflight.h>\n#include <stdlib.h>\nint main(void) { char *p = malloc(7); p = NULL; return hl_engine_destroy(0) + (p != 0); }\n";
+    std::fs::write(PLACE.at("asan/leaky.c"), code).unwrap();
+    let mut build = Command::new("cc");
+    build.args(["-O0", "-fsanitize=address", "-I"]).arg(PLACE.at("include")).arg(PLACE.at("asan/leaky.c")).arg("-L").arg(PLACE.at("lib"));
+    done(build.args(["-lhalflight", "-o"]).arg(PLACE.at("asan/leaky")));
+    let leaky = PLACE.command(PLACE.at("asan/leaky")).env("LSAN_OPTIONS", &options).output().unwrap();
+    assert!(!leaky.status.success() && String::from_utf8_lossy(&leaky.stderr).contains("7 byte"), "{leaky:?}");
+}
+
+#[test]
+#[ignore = "takes minutes; `no_memory_is_misused_or_leaked` looks for the same with AddressSanitizer"]
+fn valgrind_has_nothing_to_say() {
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        println!("skipped: valgrind is not here");
+        return;
+    }
+    let out = done(
+        PLACE
+            .command("valgrind")
+            .args(["-q", "--error-exitcode=9", "--leak-check=full", "--errors-for-leak-kinds=definite"])
+            .arg(format!("--suppressions={ROOT}/tests/ffi/driver.supp"))
+            .arg(PLACE.at("c/minimal"))
+            .args(arguments(&volume(), PLACE.at("valgrind.png").to_str().unwrap())),
+    );
+    assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+}
+
+#[test]
+fn numpy_sees_the_picture() {
+    let python = [std::env::var("PYTHON").unwrap_or_default(), format!("{ROOT}/.venv/bin/python3"), "python3".into()]
+        .into_iter()
+        .find(|p| Command::new(p).args(["-c", "import numpy"]).output().is_ok_and(|o| o.status.success()));
+    let Some(python) = python else {
+        println!("skipped: no python3 with numpy is here");
+        return;
+    };
+    let out = done(
+        PLACE
+            .command(python)
+            .arg(format!("{ROOT}/examples/python/halflight_numpy.py"))
+            .arg(PLACE.at("numpy.png"))
+            .env("LIBHALFLIGHT", PLACE.at("lib/libhalflight.so.0")),
+    );
+    let said = String::from_utf8_lossy(&out.stdout);
+    assert!(said.starts_with("(240, 320, 4) float32 coverage 0."), "{said}");
+    assert!(picture(&PLACE.at("numpy.png")).rgba.iter().any(|p| p[3] > 0.5));
+}
+
+#[test]
+#[ignore = "builds the crate anew; needs cargo-c (cargo install cargo-c)"]
+fn cargo_c_installs_what_a_host_needs() {
+    let prefix = tempfile::tempdir().unwrap();
+    let mut install = Command::new(env!("CARGO"));
+    install.current_dir(ROOT).args(["cinstall", "--release", "--no-default-features", "--libdir=lib", "--prefix"]).arg(prefix.path());
+    done(&mut install);
+    for file in
+        ["include/halflight.h", "include/halflight_vulkan.h", "lib/libhalflight.so.0", "lib/libhalflight.a", "lib/pkgconfig/halflight.pc"]
+    {
+        assert!(prefix.path().join(file).exists(), "{file} is not there");
+    }
+    let build = prefix.path().join("build");
+    std::fs::create_dir(&build).unwrap();
+    for file in std::fs::read_dir(Path::new(ROOT).join("examples/c")).unwrap().flatten() {
+        std::fs::copy(file.path(), build.join(file.file_name())).unwrap();
+    }
+    done(Command::new("make").arg("-C").arg(&build).env("PKG_CONFIG_PATH", prefix.path().join("lib/pkgconfig")));
+    let out = prefix.path().join("out.png");
+    let mut minimal = Command::new(build.join("minimal"));
+    done(minimal.args(arguments(&volume(), out.to_str().unwrap())).env("LD_LIBRARY_PATH", prefix.path().join("lib")));
+    assert!(picture(&out).rgba.iter().any(|p| p[3] > 0.5));
+}
