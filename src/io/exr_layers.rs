@@ -109,12 +109,15 @@ fn sort_attributes(file: &mut [u8]) {
     file[begin..at].copy_from_slice(&attributes.concat());
 }
 
+/// Says whether a picture's own entries (key, value) are those that are looked for.
+pub type MetaFilter<'a> = dyn Fn(&[(String, String)]) -> bool + 'a;
+
 /// Whether `path` is a picture whose own entries `wanted` accepts (as [`super::write_exr`] and [`super::write_png`] wrote
 /// them) and whose pixels decode to the last. What is not wanted is not decoded.
 ///
 /// # Errors
 /// As [`super::read_picture`]: also of a file that is cut off.
-pub fn whole_picture(path: &Path, wanted: &dyn Fn(&[(String, String)]) -> bool) -> Result<bool> {
+pub fn whole_picture(path: &Path, wanted: &MetaFilter) -> Result<bool> {
     let (mut file, _) = open(path)?;
     let mut magic = [0u8; 8];
     let io = |source| Error::Io { path: path.to_owned(), action: "read", source };

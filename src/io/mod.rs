@@ -24,7 +24,7 @@ pub mod volume;
 
 pub use crate::aside::{write_aside, write_target};
 pub use exr::{read_picture_exr, write_exr, write_exr_with_error};
-pub use exr_layers::{ExrChannel, ExrCompression, ExrOptions, whole_picture, write_exr_layers};
+pub use exr_layers::{ExrChannel, ExrCompression, ExrOptions, MetaFilter, whole_picture, write_exr_layers};
 pub use info::{VolumeInfo, describe, describe_file};
 pub use nrrd_field::{NrrdField, is_nrrd_field, read_nrrd_field, write_nrrd_field};
 pub use paraview::{TransferOptions, read_transfer};

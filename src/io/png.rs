@@ -122,7 +122,7 @@ pub fn read_picture_png(path: &Path) -> Result<Picture> {
 }
 
 /// Whether a PNG's texts are `wanted` and its pixels are all there.
-pub(super) fn whole(path: &Path, wanted: &dyn Fn(&[(String, String)]) -> bool) -> Result<bool> {
+pub(super) fn whole(path: &Path, wanted: &super::MetaFilter) -> Result<bool> {
     let failed = |e: png::DecodingError| bad(path, format!("PNG: {}", super::limits::quote(&e.to_string())), "a whole picture is needed");
     let reader = png::Decoder::new(open(path)?.0).read_info().map_err(failed)?;
     let info = reader.info();
