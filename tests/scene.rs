@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use halflight::io::{parse_scene, read_scene, scene_of_volume};
+use halflight::scene::animation::{Ease, Keyframe, Track};
 use halflight::scene::camera::{CameraSettings, Space};
 use halflight::scene::keys;
 use halflight::scene::scene::{
@@ -10,7 +11,7 @@ use halflight::scene::scene::{
 };
 use halflight::scene::transfer::{Kind, Reference};
 use halflight::scene::visibility::{Cells, Filter, Method, Sampling};
-use halflight::scene::{Camera, Grid, Light, Picture, Probe, Visibility};
+use halflight::scene::{Animation, Camera, Clip, Grid, Light, Picture, Probe, Visibility};
 use std::path::{Path, PathBuf};
 
 fn parse(text: &str) -> Result<Scene, String> {
@@ -67,6 +68,9 @@ target = [0.5, 0, 0]
 up = [0, 1, 0]
 fov = 45
 space = "world"
+orbit = [0, 0, 2, 30]
+centre = [1, 1, 1]
+distance = 4
 
 [image]
 width = 320
@@ -75,6 +79,18 @@ step = 0.5
 background = [0, 0.5, 1]
 exposure = -1.5
 skip = false
+
+[clip]
+box = [0, 0.25, 0, 1, 1, 0.5]
+planes = [[0, 0, 1, 2]]
+space = "world"
+
+[animation]
+frames = 9
+first = 3
+rate = 30
+ease = "hold"
+keyframe = [{ frame = 4, camera.fov = 45 }]
 "#;
 
 #[test]
@@ -118,17 +134,32 @@ fn every_key_is_read() {
         up: DVec3::Y,
         fov_degrees: 45.0,
         space: Space::World,
-        ..CameraSettings::default()
+        orbit: Some((DVec3::Z, 30.0)),
+        centre: Some(DVec3::ONE),
+        distance: Some(4.0),
     };
     assert_eq!(s.camera, camera);
     let image =
         ImageSettings { width: 320, height: 200, step: 0.5, background: Background::Color([0.0, 0.5, 1.0]), exposure: -1.5, skip: false };
     assert_eq!(s.image, image);
+    let clip = Clip { bounds: Some([[0.0, 0.25, 0.0], [1.0, 1.0, 0.5]]), planes: vec![[0.0, 0.0, 1.0, 2.0]], space: Space::World };
+    assert_eq!(s.clip, clip);
+    let keys = vec![Keyframe { frame: 4.0, values: vec![45.0], ease: Ease::Hold }];
+    let animation = Animation { first: 3, frames: 9, rate: 30.0, tracks: vec![Track { channel: "camera.fov", keys }] };
+    assert_eq!(s.animation, Some(animation));
     // The table of keys and this file agree: no key of the table is forgotten here, but for the exclusive ones.
     for key in keys::KEYS {
-        let exclusive =
-            ["transfer.file", "transfer.name", "transfer.range", "light.constant", "visibility.tolerance", "visibility.quality"]
-                .contains(&key.name);
+        let exclusive = [
+            "transfer.file",
+            "transfer.name",
+            "transfer.range",
+            "light.constant",
+            "visibility.tolerance",
+            "visibility.quality",
+            "volume.number",
+            "volume.numbers",
+        ]
+        .contains(&key.name);
         assert_ne!(s.origins.keys.contains_key(key.name), exclusive, "{}", key.name);
     }
     let other =
@@ -265,7 +296,8 @@ fn every_key_refuses_a_date_and_names_itself() {
             }
             "volume" if name == "file" => "[volume]\nfile = 2026-11-22".into(),
             "surface" if name != "iso" => format!("[volume]\nfile='a'\n[surface]\niso=1\n{name} = 2026-11-22"),
-            "volume" => format!("[volume]\nfile='a'\n{name} = 2026-11-22"),
+            "volume" => format!("[volume]\nfile='a#'\n{name} = 2026-11-22"),
+            "animation" if name != "frames" => format!("[volume]\nfile='a'\n[animation]\nframes=1\n{name} = 2026-11-22"),
             _ => format!("[volume]\nfile='a'\n[{table}]\n{name} = 2026-11-22"),
         };
         let sentence = parse(&text).expect_err(key.name);

@@ -11,7 +11,7 @@ use clap::ArgMatches;
 use halflight::chart::{self, Options, Subject};
 use halflight::error::shown;
 use halflight::record::Machine;
-use halflight::scene::{ImageSettings, Light, Probe, Sky};
+use halflight::scene::{Clip, ImageSettings, Light, Probe, Sky};
 use halflight::{Error, demo, io};
 use serde_json::json;
 use std::io::Write;
@@ -97,6 +97,9 @@ fn counted(n: usize, what: &str) -> String {
 
 fn subject(path: &Path, given: &[(String, String)], bar: &Progress) -> Result<Subject, Failure> {
     let scene = load::scene(path, given)?;
+    if scene.clip != Clip::default() {
+        return Err(Failure::usage(format!("{}: a chart knows no [clip]; leave it out there", shown(path))));
+    }
     let loaded = load::load(&scene, bar)?;
     let name = path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     if loaded.matter.is_vacuum(loaded.volume.range()) {

@@ -5,6 +5,7 @@ use super::fingerprint;
 use halflight::engine::{Engine, Field};
 use halflight::error::{Error, shown};
 use halflight::io::{self, ReadOptions};
+use halflight::measure::Report;
 use halflight::scene::{Matter, Scene, Visibility, Volume};
 use std::path::Path;
 
@@ -56,8 +57,7 @@ pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: 
     // What was dropped for a light is not there, whatever the text says.
     settings.bands = (file.coefficients as f64).sqrt() as u32;
     let field = engine.load_field(volume.grid(), &settings, &file.data)?;
-    let measured = |key: &str| key.contains("error");
-    let meta = file.meta.iter().filter(|(k, _)| measured(k)).cloned().collect();
+    let meta = file.meta.iter().filter(|(k, _)| Report::KEYS.contains(&k.as_str())).cloned().collect();
     Ok(Loaded { field, meta })
 }
 

@@ -148,6 +148,12 @@ fn about_scene(report: &mut Report, scene: &Scene, loaded: &load::Loaded) {
     let (p, t) = (loaded.camera.position, loaded.camera.target);
     report.line("camera", format!("at {} towards {}, {} degrees", v3(p.to_array()), v3(t.to_array()), loaded.camera.fov_degrees));
     report.line("image", format!("{}x{} pixels", scene.image.width, scene.image.height));
+    if let Some(animation) = &scene.animation {
+        let tracks: Vec<&str> = animation.tracks.iter().map(|t| t.channel).collect();
+        let range = animation.range();
+        report
+            .line("animation", format!("frames {} to {}, {} a second; {}", range.start(), range.end(), animation.rate, tracks.join(", ")));
+    }
     let given: serde_json::Map<String, Value> = scene.origins.keys.iter().map(|(k, o)| (k.clone(), json!(o))).collect();
     report.set("given", Value::Object(given));
     report.set("field", json!({ "dims": [fx, fy, fz], "coefficients": v.coefficients(), "bytes": kept, "scratch_bytes": scratch }));

@@ -10,6 +10,7 @@ use super::{Context, field_file};
 use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium};
 use halflight::scene::scene::{LightSource, TransferSource, VolumeSettings};
 use halflight::scene::{Camera, Clip, Light, Matter, Probe, Scene, Visibility, Volume};
+use halflight::stages::aov;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -187,7 +188,10 @@ impl<'a> Session<'a> {
                 None => {
                     let pixels = Some((scene.image.width, scene.image.height));
                     let need = engine.admit(&classified.medium, &settings, pixels).map_err(blame)?;
-                    self.estimate = self.estimate.max(need.peak());
+                    // Layers hold more a pixel while they are gathered.
+                    let pixels = (scene.image.width * scene.image.height) as u64;
+                    let layers = if written.behind() { aov::BYTES * pixels.min(aov::MOST) } else { 0 };
+                    self.estimate = self.estimate.max(need.peak() + layers);
                     paid.time(3, || engine.precompute(&classified.medium, &settings, &mut job(going))).map_err(blame)?
                 }
             };

@@ -1,6 +1,5 @@
 //! What lies behind each pixel of a picture: strip by strip, as [`Engine::render`].
 
-use super::render::STRIP;
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, ImageSettings};
@@ -45,9 +44,9 @@ impl Engine {
         let step_length = image.step * grid.voxel_length();
         let steps = if surface.is_some() { 1 } else { (grid.diagonal() / step_length).ceil() as u64 + 1 };
         let segment = (self.device.loop_limit() / 3).min((ROW_SAMPLES / width).max(64));
-        let most = ((STRIP / 4 / image.width) as u32).min(height).max(1);
+        let most = ((aov::MOST as usize / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
-        self.ask("the picture's layers", 20 * STATE as u64 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
+        self.ask("the picture's layers", aov::BYTES * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
         let (irradiance, window, light_scale) = lit.irradiance();
         let encoding = medium.volume.0.encoding;
         let iso = surface.map(|s| (encoding.sample_of(s.iso as f32), encoding.scale > 0.0));

@@ -19,6 +19,12 @@ pub const FIRST: f32 = 0.05;
 /// Vec4s of a pixel's state.
 pub const STATE: usize = 4;
 
+/// Bytes of a pixel while it is gathered: its state and a surface's hit.
+pub const BYTES: u64 = 16 * STATE as u64 + 4;
+
+/// Pixels that are gathered together at most.
+pub const MOST: u64 = 1 << 18;
+
 /// The `Frame` buffer of the kernel.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
