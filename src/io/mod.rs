@@ -18,6 +18,7 @@ mod samples;
 pub mod scene;
 mod scene_text;
 mod settings;
+mod vdb;
 pub mod volume;
 
 pub use crate::aside::{write_aside, write_target};

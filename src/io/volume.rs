@@ -2,7 +2,7 @@
 
 use super::limits::{bad, open, quote};
 use super::samples::SampleType;
-use super::{nifti, nrrd, raw};
+use super::{nifti, nrrd, raw, vdb};
 use crate::error::{Error, Result};
 use crate::scene::Volume;
 use flate2::bufread::GzDecoder;
@@ -40,13 +40,16 @@ pub struct ReadOptions<'a> {
     /// Counts NaN and infinite samples where they would be an error; the smallest finite sample stands for them (0 where
     /// there is none).
     pub count_not_finite: Option<&'a Cell<u64>>,
+    /// Which of a file's several volumes or channels: of OpenVDB a grid's name, with ".x", ".y" or ".z" for a vector's
+    /// component. Without it, the only one.
+    pub component: Option<&'a str>,
     /// Called with the fraction read, ascending to 1.
     pub progress: Option<&'a dyn Fn(f64)>,
 }
 
 impl Default for ReadOptions<'_> {
     fn default() -> Self {
-        Self { raw: None, nan_as: None, max_bytes: 16 << 30, allow_outside: false, count_not_finite: None, progress: None }
+        Self { raw: None, nan_as: None, max_bytes: 16 << 30, allow_outside: false, count_not_finite: None, component: None, progress: None }
     }
 }
 
@@ -94,6 +97,9 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
         }
         return nrrd::read(path, file, length, options);
     }
+    if vdb::is_vdb(&head) {
+        return vdb::read(path, file, length, options.component, options);
+    }
     // A .nii that is cut short in its header has nothing else to be known by.
     let name = path.to_string_lossy().to_ascii_lowercase();
     if nifti::is_header(&head) || (n > 0 && (name.ends_with(".nii") || name.ends_with(".nii.gz"))) {
@@ -119,7 +125,6 @@ fn unknown(path: &Path, head: &[u8], extension: &str) -> Error {
     let known = match extension {
         "mha" | "mhd" => Some("a MetaImage"),
         "vti" | "vtk" | "vtr" => Some("a VTK file"),
-        "vdb" => Some("an OpenVDB file"),
         "dcm" => Some("a DICOM file"),
         "tif" | "tiff" => Some("a TIFF stack"),
         "h5" | "hdf5" | "nc" | "mnc" => Some("an HDF5, NetCDF or MINC file"),
