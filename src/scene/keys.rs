@@ -34,7 +34,12 @@ pub const KEYS: &[Key] = &[
         "voxel",
         "the length that opacity or extinction is meant over: one voxel, one world unit, the longest side",
     ),
-    key("transfer.file", "PATH", "none", "transfer function preset (ParaView JSON) in place of points"),
+    key(
+        "transfer.file",
+        "PATH",
+        "none",
+        "preset of ParaView, Slicer, Voreen, Inviwo, ImageVis3D, NiiVue or Exposure Render in place of points",
+    ),
     key("transfer.name", "NAME", "the only one", "which preset of a file that holds several"),
     key("transfer.range", "[LOW, HIGH]", "as the preset says", "scalars that a preset's ends are laid on"),
     key("surface.iso", "VALUE", "no surface", "show the opaque surface where the data has this value"),
