@@ -271,6 +271,7 @@ fn what_is_written_reads_as_the_same_function() {
                 Format::Voreen => ("255", "155"),
                 Format::SlicerVp => ("300 0.9", "300 0.4"),
                 Format::ImageVis3d => ("1 0 0 0.9", "1 0 0.4 0.9"),
+                Format::Inviwo => ("w=\"0.9\"", "w=\"0.4\""),
                 _ => ("0.9", "0.4"),
             };
             if preset.name == "straight" {
