@@ -107,7 +107,7 @@ impl<'a> Frames<'a> {
             at(Method::Sweep, finer, 256, 1.0),
             at(Method::Sweep, own, 256, 1.0),
         ];
-        let fits = |v: &&Visibility| cost(v) <= allowed && crate::engine::precompute_memory(self.medium.grid(), v).0 <= 1 << 29;
+        let fits = |v: &&Visibility| cost(v) <= allowed && self.engine.precompute_memory(self.medium, v).is_ok_and(|m| m.0 <= 1 << 29);
         let v = list.iter().find(fits).unwrap_or(&list[4]);
         let (dense, _) = self.field(v, clock)?;
         Ok((dense, format!("{} at 1:{}", candidates::name(v), v.ratio)))

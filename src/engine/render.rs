@@ -19,7 +19,8 @@ const ROW_SAMPLES: u32 = 1 << 22;
 impl Engine {
     /// Renders a picture: direct volume rendering, or the isosurface if the matter has one. The background is left
     /// transparent. The field under the light must be of this medium, or hold all cells
-    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for are dark.
+    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for hold no light
+    /// that means anything.
     ///
     /// # Errors
     /// [`Error::Invalid`] for an unusable camera or picture, [`Error::Cancelled`].
@@ -81,7 +82,7 @@ impl Engine {
         let state = self.device.buffer::<[f32; 4]>("state", slots)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
-                let shade = isosurface::Shade::new(grid, lit.field.dims(), albedo, &lit.light, surface.shading);
+                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading);
                 Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
             }
             _ => None,
@@ -92,7 +93,7 @@ impl Engine {
             skip: image.skip,
         };
         let encoding = medium.volume.0.encoding;
-        let settings = lit.field.settings();
+        let settings = lit.field().settings();
         let mut rec = self.device.record()?;
         // Fresh buffers: the first dispatch of a strip writes without reading.
         rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
@@ -113,17 +114,15 @@ impl Engine {
                 let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length };
                 let mut rec = self.device.record()?;
                 match &surface {
-                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, leap, &state)?,
+                    None => raymarch::record(&mut rec, &medium.view(), lit.irradiance(), &view, part, leap, &state)?,
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
-                            field: lit.field.images(),
-                            field_view: lit.field.sampled_format(),
+                            field: lit.field().packed(),
                             shade,
                             iso: encoding.sample_of(surface.iso as f32),
                             rising: encoding.scale > 0.0,
                             bands: settings.bands,
-                            bits: settings.bits,
                             shading: surface.shading,
                             leap,
                         };

@@ -2,7 +2,7 @@
 
 use super::law::{Law, Shape, shapes, spread};
 use super::{Candidate, Plan, Request, method as name};
-use crate::engine::{Engine, Medium, Need, Progress};
+use crate::engine::{Engine, Medium, Progress};
 use crate::error::{Error, Result};
 use crate::measure::{self, FieldError, REFERENCE_DIRECTIONS, REFERENCE_STEP, errors};
 use crate::scene::visibility::{Cells, Method, Quality, Sampling, Wanted};
@@ -49,7 +49,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         return Err(Error::Invalid { item: key, what: format!("{tolerance}"), right: "it must lie in 0.001..1, such as 0.05".into() });
     }
     let mut reasons = Vec::new();
-    let ratio = ratio(engine, volume, request, &mut reasons)?;
+    let ratio = ratio(engine, medium, request, &mut reasons)?;
     let base = Visibility {
         method: Method::March,
         sampling: Sampling::Stratified,
@@ -75,7 +75,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         let shape =
             Shape { near: settings.near, step: settings.step, law: Law { a: 0.0, p: 1.0 }, error: 0.0, seen: None, seconds: [0.0; 2] };
         return Ok(Plan {
-            need: Need::of(volume, &settings, request.pixels),
+            need: engine.need(medium, &settings, request.pixels)?,
             settings,
             tolerance,
             predicted: none,
@@ -194,7 +194,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
 
     let (tried, planning_seconds, cells) = (std::mem::take(&mut bench.tried), bench.seconds, std::mem::take(&mut bench.cells));
     let mut plan = Plan {
-        need: Need::of(volume, &base, request.pixels),
+        need: engine.need(medium, &base, request.pixels)?,
         settings: Visibility { bits, ..base },
         tolerance,
         predicted: q[0],
@@ -212,7 +212,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         key,
     };
     plan.pick(tolerance / (1.0 + margin))?;
-    plan.need = Need::of(volume, &plan.settings, request.pixels);
+    plan.need = engine.need(medium, &plan.settings, request.pixels)?;
     if (bench.progress)("plan", 1.0).is_break() {
         return Err(Error::Cancelled);
     }
@@ -264,8 +264,8 @@ pub(super) fn unreachable(key: &'static str, tolerance: f64, least: f64, why: &s
 }
 
 /// Voxels per cell.
-fn ratio(engine: &Engine, volume: &Volume, request: &Request, reasons: &mut Vec<String>) -> Result<u32> {
-    let grid: &Grid = volume.grid();
+fn ratio(engine: &Engine, medium: &Medium, request: &Request, reasons: &mut Vec<String>) -> Result<u32> {
+    let grid: &Grid = medium.grid();
     let least = Visibility {
         method: Method::Sweep,
         bits: request.bits.unwrap_or(8),
@@ -273,11 +273,7 @@ fn ratio(engine: &Engine, volume: &Volume, request: &Request, reasons: &mut Vec<
         directions: 512,
         ..Visibility::default()
     };
-    let peak = |ratio| {
-        let need = Need::of(volume, &Visibility { ratio, ..least.clone() }, request.pixels);
-        // The volume is there already.
-        need.peak() - need.volume
-    };
+    let peak = |ratio| engine.need(medium, &Visibility { ratio, ..least.clone() }, request.pixels).map(|need| need.least());
     if let Some(ratio) = request.ratio {
         reasons.push(format!("1:{ratio} as asked"));
         return Ok(ratio);
@@ -296,7 +292,7 @@ fn ratio(engine: &Engine, volume: &Volume, request: &Request, reasons: &mut Vec<
     }
     let memory = engine.memory();
     let free = memory.budget.saturating_sub(memory.used);
-    while ratio < 8 && peak(ratio) > free {
+    while ratio < 8 && peak(ratio)? > free {
         ratio *= 2;
         reason = format!("1:{ratio}: finer does not fit the memory");
     }

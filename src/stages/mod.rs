@@ -1,6 +1,7 @@
 //! The straight line's stages, one file per kernel: the equation, `record()` for the device and `reference()`, the CPU
 //! twin in plain loops. `twin` and `directions` hold what they share.
 
+pub mod bricks;
 pub mod cells;
 pub mod classify;
 pub mod directions;
