@@ -1,13 +1,19 @@
 //! Files in and out: one file per format. Readers are bounded and never panic; writers write aside and rename.
 
+mod choose;
+mod dicom;
+mod dicom_element;
+mod dicom_series;
 pub mod exr;
 mod hdr;
 pub mod info;
 mod limits;
+mod metaimage;
 mod nifti;
 mod nrrd;
 pub mod nrrd_field;
 mod nrrd_header;
+mod parts;
 pub mod picture;
 pub mod png;
 pub mod probe;
@@ -16,9 +22,15 @@ mod samples;
 pub mod scene;
 mod scene_text;
 mod settings;
+mod stack;
+mod stack_picture;
 pub mod transfer;
 mod vdb;
 pub mod volume;
+mod vti;
+mod vti_data;
+mod vtk_legacy;
+mod xml;
 
 pub use crate::aside::{write_aside, write_target};
 pub use exr::{read_picture_exr, write_exr, write_exr_with_error};
@@ -32,4 +44,4 @@ pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
 pub use scene_text::scene_text;
 pub use settings::COMMAND_LINE;
 pub use transfer::{TransferOptions, read_transfer};
-pub use volume::{RawLayout, ReadOptions, read_volume};
+pub use volume::{RawLayout, ReadOptions, is_volume_set, read_volume};

@@ -13,6 +13,7 @@ mod tree;
 mod values;
 
 use super::ReadOptions;
+use super::choose::{component, labels};
 use super::limits::{bad, check_cap, grid, io, quote, shape};
 use crate::error::{Result, shown};
 use crate::scene::{Samples, Volume};
@@ -57,11 +58,12 @@ impl Descriptor {
     }
 }
 
-/// Reads the grid of that name, or the only scalar one. A component of a vector is named with it: "velocity.x".
-pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, name: Option<&str>, options: &ReadOptions) -> Result<Volume> {
+/// Reads the grid that [`ReadOptions::component`] names, or the only scalar one. A vector's components are named with it:
+/// "velocity:0".
+pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, options: &ReadOptions) -> Result<Volume> {
     let mut stream = Stream::new(path, file, length)?;
     let grids = descriptors(&mut stream)?;
-    let (descriptor, kind, lane) = choose(path, &grids, name)?;
+    let (descriptor, kind, lane) = choose(path, &grids, options)?;
     stream.seek(descriptor.at, "the grid's data")?;
     let flags = stream.u32("the grid's compression")?;
     let level_set = metadata(&mut stream)?.is_some_and(|class| class == "level set");
@@ -168,46 +170,34 @@ fn metadata(stream: &mut Stream) -> Result<Option<String>> {
     Ok(class)
 }
 
-/// The grid of that name, its kind, and which number of each voxel.
-fn choose<'a>(path: &Path, grids: &'a [Descriptor], name: Option<&str>) -> Result<(&'a Descriptor, Kind, usize)> {
-    let list = || quote(&grids.iter().map(Descriptor::shown).collect::<Vec<_>>().join(", "));
-    let Some(name) = name else {
-        let scalar: Vec<_> = grids.iter().filter_map(|g| Some((g, g.kind().filter(|k| k.lanes == 1)?, 0))).collect();
-        return match scalar[..] {
-            [only] => Ok(only),
-            [] => Err(bad(
-                path,
-                format!("it holds no grid of single numbers, but {}", list()),
-                "grids of half, float, double, int32 or int64 are read; of a vector name the component: --volume.component NAME.x",
-            )),
-            _ => Err(bad(path, format!("it holds several grids: {}", list()), "name one: --volume.component NAME")),
+/// The wanted grid, its kind, and which number of each voxel; without a wish the only grid of single numbers.
+fn choose<'a>(path: &Path, grids: &'a [Descriptor], options: &ReadOptions) -> Result<(&'a Descriptor, Kind, usize)> {
+    let list = quote(&grids.iter().map(Descriptor::shown).collect::<Vec<_>>().join(", "));
+    let of_name = |name: &str| grids.iter().find(|g| g.name == name);
+    if let Some(g) = options.component.as_deref().and_then(of_name).filter(|g| g.kind().is_none()) {
+        let (what, right) = match g.parent.is_empty() {
+            true => (
+                "is of a type that is not read".into(),
+                "half, float, double, int32, int64 and vectors of three are read, in trees 5_4_3".into(),
+            ),
+            false => {
+                let parent = quote(&g.parent);
+                (format!("is an instance of '{parent}'"), format!("name '{parent}' itself: it has the same values in another place"))
+            }
         };
-    };
-    let lane = |suffix: &str| ["x", "y", "z"].iter().position(|l| *l == suffix);
-    let whole = grids.iter().find(|g| g.name == name).map(|g| (g, None));
-    let part = || {
-        let (grid, suffix) = name.rsplit_once('.')?;
-        let lane = lane(suffix)?;
-        grids.iter().find(|g| g.name == grid).map(|g| (g, Some(lane)))
-    };
-    let Some((grid, lane)) = whole.or_else(part) else {
-        return Err(bad(path, format!("no grid is named '{}'", quote(name)), format!("it holds {}", list())));
-    };
-    if !grid.parent.is_empty() {
-        let right = format!("name '{}' itself; it has the same values in another place", quote(&grid.parent));
-        return Err(bad(path, format!("the grid {} is an instance of '{}'", grid.shown(), quote(&grid.parent)), right));
+        return Err(bad(path, format!("the grid {} {what}", quote(&g.shown())), right));
     }
-    let right = "half, float, double, int32, int64 and vectors of three of them are read, in trees 5_4_3";
-    let kind = grid.kind().ok_or_else(|| bad(path, format!("the grid {} is of a type that is not read", quote(&grid.shown())), right))?;
-    match (kind.lanes, lane) {
-        (1, None) => Ok((grid, kind, 0)),
-        (1, Some(_)) => Err(bad(path, format!("the grid {} has no components", grid.shown()), format!("name it '{}'", quote(&grid.name)))),
-        (_, Some(lane)) => Ok((grid, kind, lane)),
-        (_, None) => {
-            let right = format!("name a component: --volume.component {0}.x, {0}.y or {0}.z", quote(name));
-            Err(bad(path, format!("the grid {} holds vectors", grid.shown()), right))
-        }
+    let readable: Vec<_> = grids.iter().filter_map(|g| Some((g, g.kind()?))).collect();
+    let each: Vec<_> = readable.iter().flat_map(|&(g, kind)| (0..kind.lanes).map(move |lane| (g, kind, lane))).collect();
+    let names: Vec<String> = readable.iter().flat_map(|(g, kind)| labels(&g.name, kind.lanes)).collect();
+    if each.is_empty() {
+        let right = "one of half, float, double, int32, int64, or of vectors of three of them is needed, in a tree 5_4_3";
+        return Err(bad(path, format!("of its grids none is read: {list}"), right));
     }
+    let mut scalar = each.iter().enumerate().filter(|(_, e)| e.1.lanes == 1).map(|(i, _)| i);
+    let default = scalar.next().filter(|_| scalar.next().is_none());
+    let chosen = component(path, &format!("it holds {list}"), each.len(), &names, default, options)?;
+    Ok(each[chosen])
 }
 
 /// Values that are not finite, as the options say.
