@@ -222,12 +222,11 @@ fn inviwo() -> String {
     r#"<InviwoTreeData version="1.0"><dataPoints><point><pos x="0.2" y="0"/><rgba x="1" y="0" z="0" w="0.2"/></point><point><pos x="0.6" y="0"/><rgba x="0" y="0" z="1" w="0.6"/></point></dataPoints></InviwoTreeData>"#.into()
 }
 
-/// Largest difference of opacity and display colour of two functions over their scalars.
+/// Largest difference of opacity and albedo of two functions over their scalars.
 fn worst(a: &Transfer, b: &Transfer, range: [f64; 2]) -> f64 {
-    let encoded = |c: f32| if c <= 0.003_130_8 { 12.92 * f64::from(c) } else { 1.055 * f64::from(c).powf(1.0 / 2.4) - 0.055 };
     let at = |i: usize| range[0] + (range[1] - range[0]) * (i as f64 + 0.37) / 5000.0;
     let difference = |x: f64| {
-        let colors = (0..3).map(|c| (encoded(a.albedo(x)[c]) - encoded(b.albedo(x)[c])).abs()).fold(0.0, f64::max);
+        let colors = (0..3).map(|c| f64::from((a.albedo(x)[c] - b.albedo(x)[c]).abs())).fold(0.0, f64::max);
         colors.max((opacity(a, x) - opacity(b, x)).abs())
     };
     (0..5000).map(|i| difference(at(i))).fold(0.0, f64::max)
@@ -251,7 +250,8 @@ fn what_is_written_reads_as_the_same_function() {
             // Voreen has 8 bits; a table smears the step over an entry; curves, also those from display to linear colours, are
             // followed to a thousandth by as many pieces as there are points.
             let tolerance = match (format, preset.name.as_str()) {
-                (Format::Voreen, _) => 0.6 / 255.0 + 1e-3,
+                // Half a step of 8 bits is 2.3 times as much in linear light, at most.
+                (Format::Voreen, _) => 1.2 / 255.0 + 1e-3,
                 (Format::ImageVis3d, "stepped") => 1.0,
                 (Format::ImageVis3d, "straight") => 2e-3,
                 (_, "curved") => 2e-3,
@@ -262,7 +262,12 @@ fn what_is_written_reads_as_the_same_function() {
             assert!(said("precision") || off < 2e-3, "{} as {extension}: {off} {lost:?}", preset.name);
             assert!(!said("precision") || off > 5e-5, "{} as {extension}: {off} {lost:?}", preset.name);
             let places = matches!(format, Format::Inviwo | Format::ImageVis3d);
-            assert_eq!(said("its scalars"), !preset.is_relative() && places, "{} as {extension}: {lost:?}", preset.name);
+            assert_eq!(
+                lost.iter().any(|l| l.starts_with("its scalars")),
+                !preset.is_relative() && places,
+                "{} as {extension}: {lost:?}",
+                preset.name
+            );
             let spans = matches!(format, Format::Slicer | Format::SlicerVp);
             assert_eq!(said("span the data"), preset.is_relative() && spans, "{} as {extension}: {lost:?}", preset.name);
             assert_eq!(said("midpoints"), preset.name == "curved" && format != Format::ParaView);

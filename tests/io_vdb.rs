@@ -51,7 +51,7 @@ fn worst(volume: &Volume, background: f64, factor: f64) -> f64 {
 
 #[test]
 fn every_type_and_compression_gives_the_formula() {
-    let packs = [Pack::None, Pack::Zip, Pack::Blosc(0), Pack::Blosc(300), Pack::Blosc(640)];
+    let packs = [Pack::None, Pack::Zip, Pack::Blosc(0), Pack::Blosc(300), Pack::Blosc(640), Pack::BloscCopied];
     for (value, as_half) in
         [("float", false), ("double", false), ("half", false), ("float", true), ("double", true), ("int32", false), ("int64", false)]
     {

@@ -12,6 +12,8 @@ pub enum Pack {
     Zip,
     /// Blosc with blocks of so many bytes; 0: one block.
     Blosc(usize),
+    /// Blosc frames that hold their bytes as they are.
+    BloscCopied,
 }
 
 /// A tree 5_4_3.
@@ -163,8 +165,12 @@ impl Writer<'_> {
                 z.finish().unwrap()
             }
             Pack::Blosc(block) => blosc(&bytes, width, block),
+            Pack::BloscCopied => {
+                let n = (bytes.len() as u32).to_le_bytes();
+                [&[2, 1, 0x23, width as u8][..], &n, &n, &(bytes.len() as u32 + 16).to_le_bytes(), &bytes].concat()
+            }
         };
-        if packed.len() < bytes.len() {
+        if packed.len() < bytes.len() || (g.pack == Pack::BloscCopied && !bytes.is_empty()) {
             self.out.extend((packed.len() as i64).to_le_bytes());
             self.out.extend(packed);
         } else {
@@ -299,7 +305,7 @@ pub fn file_and_codes(grids: &[Grid]) -> (Vec<u8>, BTreeSet<u8>) {
             + match grid.pack {
                 Pack::None => 0,
                 Pack::Zip => 1,
-                Pack::Blosc(_) => 4,
+                Pack::Blosc(_) | Pack::BloscCopied => 4,
             };
         out.extend(flags.to_le_bytes());
         out.extend(2u32.to_le_bytes());

@@ -13,16 +13,13 @@ const BITS_SHUFFLED: u8 = 4;
 /// Flag: blocks are not split into streams of bytes of equal significance.
 const WHOLE: u8 = 0x10;
 
-/// OpenVDB pads short data to so many bytes.
-const PADDED: usize = 128;
-
-/// Decompresses a frame of `out.len()` bytes, or of a few more that are padding.
+/// Decompresses a frame of `out.len()` bytes.
 pub(super) fn unpack(frame: &[u8], out: &mut [u8]) -> Result<(), String> {
     let header = frame.first_chunk::<16>().ok_or("the Blosc frame has no header")?;
     let number = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]) as usize;
     let (flags, width) = (header[2], usize::from(header[3]));
     let (length, block, whole) = (number(4), number(8), number(12));
-    if length != out.len() && !(length == PADDED && out.len() < PADDED) {
+    if length != out.len() {
         return Err(format!("the Blosc frame holds {length} bytes where {} are wanted", out.len()));
     }
     if header[0] > 2 || whole > frame.len() || (block == 0 && length > 0) || width == 0 || block > 1 << 24 {
@@ -31,12 +28,11 @@ pub(super) fn unpack(frame: &[u8], out: &mut [u8]) -> Result<(), String> {
     if flags & BITS_SHUFFLED != 0 {
         return Err("the Blosc frame is shuffled by bits, which OpenVDB never does".into());
     }
-    let mut plain = vec![0; length];
     if flags & COPIED != 0 {
-        plain.copy_from_slice(frame.get(16..16 + length).ok_or("the Blosc frame is cut short")?);
+        out.copy_from_slice(frame.get(16..16 + length).ok_or("the Blosc frame is cut short")?);
     } else {
         let mut scratch = vec![0; block.min(length)];
-        for (i, target) in plain.chunks_mut(block.max(1)).enumerate() {
+        for (i, target) in out.chunks_mut(block.max(1)).enumerate() {
             let start = frame.get(16 + 4 * i..20 + 4 * i).and_then(|b| b.first_chunk::<4>()).ok_or("the Blosc frame is cut short")?;
             let mut rest = frame.get(u32::from_le_bytes(*start) as usize..).ok_or("a Blosc block begins beyond its frame")?;
             // Split where it pays: enough bytes of each significance, and not the shorter last block.
@@ -62,7 +58,6 @@ pub(super) fn unpack(frame: &[u8], out: &mut [u8]) -> Result<(), String> {
             }
         }
     }
-    out.copy_from_slice(&plain[..out.len()]);
     Ok(())
 }
 
