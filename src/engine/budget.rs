@@ -159,8 +159,8 @@ impl Engine {
         let map = self.cell_map(medium, settings, &[])?;
         let cost = self.cost(medium.grid(), settings, &map)?;
         let dims = relight::dims(&self.bricks(medium.grid(), settings, &map));
-        // Radiance and coverage of a pixel; of a surface also how far it lies.
-        let pixel = if medium.matter.surface.is_some() { 20 } else { 16 };
+        // Radiance and coverage of a pixel, and what becomes of it; of a surface also how far it lies.
+        let pixel = if medium.matter.surface.is_some() { 36 } else { 32 };
         let strip = |(w, h): (usize, usize)| pixel * (w as u64).saturating_mul(h as u64).min(super::render::STRIP as u64);
         Ok(Need {
             volume: medium.volume.bytes() + medium.occupancy.bytes() + medium.sigma.len_bytes() + medium.albedo.len_bytes(),

@@ -4,6 +4,7 @@
 mod budget;
 mod estimate;
 mod field;
+pub mod host;
 mod occupancy;
 mod precompute;
 mod reference;
@@ -138,16 +139,14 @@ impl Engine {
     /// # Errors
     /// [`Error::NoDevice`], [`Error::DeviceLacks`].
     pub fn new(options: &Options) -> Result<Self> {
-        let device = vk::Device::new(options)?;
-        for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rg16Sfloat, Format::Rgba16Sfloat] {
-            if !device.supports_filtering(format) {
-                return Err(Error::DeviceLacks {
-                    device: device.info().name.clone(),
-                    lacks: format!("linear filtering of {format:?} images"),
-                });
-            }
+        Self::on(vk::Device::new(options)?)
+    }
+
+    fn on(device: vk::Device) -> Result<Self> {
+        match device.lacking(&host::requirements()) {
+            Some(lacks) => Err(Error::DeviceLacks { device: device.info().name.clone(), lacks }),
+            None => Ok(Self { device }),
         }
-        Ok(Self { device })
     }
 
     /// The device.
