@@ -192,14 +192,16 @@ fn damaged_files_are_survived() {
     };
     println!("peak memory grew by {} KiB", (after - before) >> 10);
     assert!(after - before < 16 * CAP, "peak memory grew by {} bytes", after - before);
-    // The measure can fail: a few bytes of tiles that make an honest volume of 96 MiB are seen in it, where they are allowed.
+    // The measure can fail: a few bytes of tiles that make an honest volume of 192 MiB are seen in it (an
+    // allocator may hide some tens of MiB).
     let mut tiles = Tree::new(0.0);
-    for i in 0..12 {
+    for i in 0..24 {
         tiles.tiles.push(([i % 2 * 128, i / 2 % 2 * 128, i / 4 * 128], 128, 1.0, true));
     }
     let path = dir.file("big.vdb", &[&file(&[Grid::new("density", "float", tiles)])]);
     assert!(!read("big.vdb", &path), "beyond the limit");
     assert_eq!(peak(), Some(after));
     assert!(read_volume(&path, &ReadOptions::default()).is_ok());
-    assert!(peak().unwrap() - before > 16 * CAP, "96 MiB are seen");
+    println!("an honest volume of 192 MiB: {} KiB", (peak().unwrap() - before) >> 10);
+    assert!(peak().unwrap() - before > 16 * CAP, "192 MiB are seen");
 }
