@@ -28,11 +28,11 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         report.set("kind", json!("scene"));
         volume(&mut report, &scene, &io::describe(&loaded.volume))?;
         about_scene(&mut report, &scene, &loaded);
-    } else if io::is_probe(path)? {
+    } else if !io::is_volume_set(path) && io::is_probe(path)? {
         check_used(&overrides, &[], "the description of a probe").map_err(Failure::usage)?;
         report.set("kind", json!("probe"));
         probe(&mut report, path, &io::read_probe(path)?);
-    } else if io::is_nrrd_field(path)? {
+    } else if !io::is_volume_set(path) && io::is_nrrd_field(path)? {
         check_used(&overrides, &[], "the description of a field").map_err(Failure::usage)?;
         report.set("kind", json!("field"));
         field(&mut report, path, &io::read_nrrd_field(path, &Default::default())?);

@@ -15,6 +15,7 @@ mod progress;
 mod reference;
 mod render;
 mod report;
+mod transfer;
 
 use clap::ArgMatches;
 use clap::error::ErrorKind;
@@ -78,7 +79,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
             return Err(Failure::usage(
-                "a command is missing: demo, info, light, precompute, render, compare, chart or devices; see halflight --help",
+                "a command is missing: demo, info, light, transfer, precompute, render, compare, chart or devices; see halflight --help",
             ));
         }
         Err(e) => return Err(e.into()),
@@ -98,6 +99,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         "compare" => compare::run(&context, m),
         "info" => info::run(&context, m),
         "light" => light::run(&context, m),
+        "transfer" => transfer::run(&context, m),
         "precompute" => precompute::run(&context, m),
         "render" => render::render(&context, m),
         "chart" => chart::run(&context, m),

@@ -58,6 +58,9 @@ fn table(entries: Vec<(&str, Value)>) -> Table {
 fn volume(scene: &Scene) -> Table {
     let v = &scene.volume;
     let mut out = vec![("file", word(&v.file.display().to_string()))];
+    out.extend(v.component.iter().map(|c| ("component", word(c))));
+    out.extend(v.series.iter().map(|s| ("series", word(s))));
+    out.extend(v.spacing.map(|s| ("spacing", floats(s))));
     if let Some(raw) = &v.raw {
         out.push(("dims", Value::Array(raw.dims.map(|n| integer(n as u64)).into())));
         out.push(("type", word(&raw.sample_type)));

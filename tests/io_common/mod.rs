@@ -1,6 +1,8 @@
 //! What the reader tests share: formula volumes as bytes, files in a folder that goes away.
 #![allow(dead_code)]
 
+pub mod vdb;
+
 use flate2::{Compression, write::GzEncoder};
 use halflight::io::SampleType;
 use std::io::Write;
