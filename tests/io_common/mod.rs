@@ -6,6 +6,10 @@ use halflight::io::SampleType;
 use std::io::Write;
 use std::path::PathBuf;
 
+mod formats;
+#[allow(unused_imports)]
+pub use formats::*;
+
 pub const DIMS: [usize; 3] = [5, 4, 3];
 
 /// The formula: every voxel differs from its neighbours and its mirror images; in the range of every type that is
