@@ -87,7 +87,8 @@ fn channels_series_and_several_files() {
     assert!(holds(&pick(&path, "0").unwrap(), SampleType::I16));
     assert!(!holds(&pick(&path, "1").unwrap(), SampleType::I16));
     says(pick(&path, "2"), &["volume.component", "'2' is none of", "a.mha"]);
-    let four = b"ObjectType = Image\nNDims = 4\nDimSize = 5 4 3 2\nElementSpacing = 1 1 2 1\nElementType = MET_SHORT\nElementDataFile = LOCAL\n";
+    let four =
+        b"ObjectType = Image\nNDims = 4\nDimSize = 5 4 3 2\nElementSpacing = 1 1 2 1\nElementType = MET_SHORT\nElementDataFile = LOCAL\n";
     let path = dir.file("s.mha", &[four, &b, &a]);
     says(read(&path), &["a series of 2 volumes"]);
     assert!(holds(&pick(&path, "1").unwrap(), SampleType::I16));
@@ -115,7 +116,10 @@ fn bad_headers_say_what_would_be_right() {
     says(open("NDims = 7\nElementDataFile = LOCAL\n"), &["line 1: 'NDims = 7'; 2 to 4"]);
     says(open("NDims = 3\nDimSize = 5 4 3\nDimSize = 5 4 3\n"), &["line 3 gives 'DimSize' a second time"]);
     says(open("ObjectType = Tube\nNDims = 3\nElementDataFile = LOCAL\n"), &["of type 'Tube'", "ObjectType = Image"]);
-    says(open("NDims = 3\nDimSize = 5 4 3\nElementType = MET_STRING\nElementDataFile = LOCAL\n"), &["MET_STRING", "MET_CHAR to MET_DOUBLE"]);
+    says(
+        open("NDims = 3\nDimSize = 5 4 3\nElementType = MET_STRING\nElementDataFile = LOCAL\n"),
+        &["MET_STRING", "MET_CHAR to MET_DOUBLE"],
+    );
     says(open("NDims = 3\nwhat\nElementDataFile = LOCAL\n"), &["line 2 is 'what'", "Key = Value"]);
     let with = |more: &str, data: &str| read(&dir.file("a.mhd", &[&meta_header("MET_UCHAR", more, data)]));
     says(with("", "../x.raw"), &["lies elsewhere"]);

@@ -91,7 +91,10 @@ fn with_checksums(mut png: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     while let Some(head) = png.get(at..at + 4) {
         let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
-        let (Some(end), Some(true)) = (at.checked_add(length.saturating_add(8)), at.checked_add(length).map(|n| n + 12 <= png.len())) else { break };
+        let (Some(end), Some(true)) = (at.checked_add(length.saturating_add(8)), at.checked_add(length).map(|n| n + 12 <= png.len()))
+        else {
+            break;
+        };
         let mut crc = flate2::Crc::new();
         crc.update(&png[at + 4..end]);
         png[end..end + 4].copy_from_slice(&crc.sum().to_be_bytes());

@@ -171,9 +171,7 @@ fn bad_headers_say_what_is_wrong() {
     says(open(&dir, dim(2, 0)), &["dim[2] is 0"]);
     says(open(&dir, dim(2, -4)), &["dim[2] is -4"]);
     says(open(&dir, dim(1, 6)), &["6x4x3 float32 samples need 288 bytes, the file holds 240"]);
-    for (code, what) in
-        [(1, "single bits"), (32, "complex"), (1536, "128-bit"), (1792, "complex"), (77, "unknown")]
-    {
+    for (code, what) in [(1, "single bits"), (32, "complex"), (1536, "128-bit"), (1792, "complex"), (77, "unknown")] {
         says(open(&dir, |h| h.i16(70, code)), &[what, &format!("datatype {code}"), "8 to 64 bits"]);
     }
     says(open(&dir, |h| h.i16(70, 128)), &["RGB colours", "datatype 128", "volume.component: R, G, B"]);

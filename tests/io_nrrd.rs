@@ -374,7 +374,13 @@ fn components_are_chosen() {
         let slow = dir.file("s.nrrd", &[&head(more), &b, &a]);
         assert!(read(&slow).is_err());
         assert!(is_a(pick(&slow, 1).unwrap()) && !is_a(pick(&slow, 0).unwrap()), "{more}");
-        let packed = dir.file("g.nrrd", &[&[b"NRRD0004\ntype: short\nendian: little\nencoding: gzip\n", more.as_bytes(), b"\n\n"].concat(), &gzip(&[b.clone(), a.clone()].concat())]);
+        let packed = dir.file(
+            "g.nrrd",
+            &[
+                &[b"NRRD0004\ntype: short\nendian: little\nencoding: gzip\n", more.as_bytes(), b"\n\n"].concat(),
+                &gzip(&[b.clone(), a.clone()].concat()),
+            ],
+        );
         assert!(is_a(pick(&packed, 1).unwrap()) && !is_a(pick(&packed, 0).unwrap()), "{more}");
     }
     let one = dir.file("1.nrrd", &[&head("dimension: 3\nsizes: 5 4 3"), &a]);

@@ -32,7 +32,8 @@ fn every_type_order_and_packing_of_vti_reads_back() {
         for form in [Vti::Ascii, Vti::Inline, Vti::AppendedRaw, Vti::AppendedBase64] {
             for (big, wide, block) in [(false, false, 0), (true, true, 0), (false, true, 32), (true, false, 64), (false, false, 20)] {
                 let content = vti(form, IMAGE, WHOLE, std::slice::from_ref(&array), &[], big, wide, block);
-                let volume = read(&dir.file("a.vti", &[&content])).unwrap_or_else(|e| panic!("{kind:?} {form:?} {big} {wide} {block}: {e}"));
+                let volume =
+                    read(&dir.file("a.vti", &[&content])).unwrap_or_else(|e| panic!("{kind:?} {form:?} {big} {wide} {block}: {e}"));
                 assert!(holds(&volume, kind), "{kind:?} {form:?} big {big} wide {wide} block {block}");
             }
         }
@@ -94,7 +95,10 @@ fn bad_vti_says_what_would_be_right() {
     says(change("header_type=\"UInt32\"", "compressor=\"vtkLZ4DataCompressor\""), &["vtkLZ4DataCompressor", "vtkZLibDataCompressor"]);
     says(change("<!-- made by a test -->", "<!DOCTYPE x [<!ENTITY a \"b\">]>"), &["<!DOCTYPE", "not read"]);
     says(change(WHOLE, "0 4 0 3 0 x"), &["WholeExtent=\"0 4 0 3 0 x\"", "six whole numbers"]);
-    says(change("<Piece Extent=\"0 4 0 3 0 2\"", "<Piece Extent=\"0 9 0 3 0 2\""), &["10x4x3 uint16 samples need 240 bytes", "says that there are 120"]);
+    says(
+        change("<Piece Extent=\"0 4 0 3 0 2\"", "<Piece Extent=\"0 9 0 3 0 2\""),
+        &["10x4x3 uint16 samples need 240 bytes", "says that there are 120"],
+    );
     says(change("offset=\"0\"", "offset=\"9999\""), &["begins at byte", "cut short"]);
     says(read(&dir.file("a.vti", &[&good[..text.find("<AppendedData").unwrap()]])), &["no appended data", "cut short"]);
     says(change("Spacing=\"0.5 2 3\"", "Spacing=\"0.5 2\""), &["Spacing=\"0.5 2\"", "3 numbers"]);
@@ -106,8 +110,10 @@ fn bad_vti_says_what_would_be_right() {
 }
 
 fn legacy(mode: &str, more: &str) -> Vec<u8> {
-    format!("# vtk DataFile Version 3.0\ntitle\n{mode}\nDATASET STRUCTURED_POINTS\nDIMENSIONS 5 4 3\nORIGIN 10 20 30\nSPACING 0.5 2 3\n{more}")
-        .into_bytes()
+    format!(
+        "# vtk DataFile Version 3.0\ntitle\n{mode}\nDATASET STRUCTURED_POINTS\nDIMENSIONS 5 4 3\nORIGIN 10 20 30\nSPACING 0.5 2 3\n{more}"
+    )
+    .into_bytes()
 }
 
 #[test]

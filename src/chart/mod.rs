@@ -9,6 +9,7 @@ mod csv;
 mod field;
 mod figures;
 mod frame;
+mod histogram;
 mod html;
 pub mod pareto;
 pub mod plot;
@@ -28,6 +29,7 @@ use std::time::Instant;
 
 pub use csv::points_csv;
 pub use figures::record;
+pub use histogram::histogram_svg;
 pub use html::report_html;
 pub use raster::png;
 pub use savings::savings_svg;

@@ -37,7 +37,13 @@ pub(super) struct Form {
 impl Form {
     /// "512x512, 16 bits signed, MONOCHROME2".
     pub fn says(&self) -> String {
-        let sign = if self.float { " float" } else if self.signed { " signed" } else { "" };
+        let sign = if self.float {
+            " float"
+        } else if self.signed {
+            " signed"
+        } else {
+            ""
+        };
         format!("{}x{}, {} bits{sign}, {}", self.columns, self.rows, self.bits, quote(&self.photometric))
     }
 
@@ -124,7 +130,11 @@ pub(super) fn read_files(folder: &Path, files: Vec<PathBuf>, options: &ReadOptio
         }
     }
     if slices.is_empty() {
-        return Err(bad(folder, format!("none of its {} DICOM files holds an image", files.len()), "the folder of an image series is needed"));
+        return Err(bad(
+            folder,
+            format!("none of its {} DICOM files holds an image", files.len()),
+            "the folder of an image series is needed",
+        ));
     }
     dicom_series::read(folder, slices, options)
 }
@@ -155,16 +165,20 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
     let form = form(path, &fields, float_bits, big_endian, &pixels)?;
     let count = match fields.get(&element::FRAMES) {
         None => 1,
-        Some(t) => t.trim().parse::<usize>().ok().filter(|n| (1..=element::MAX_FRAMES).contains(n)).ok_or_else(|| {
-            bad(path, format!("it has '{}' frames", quote(t)), format!("1 to {} are read", element::MAX_FRAMES))
-        })?,
+        Some(t) => t
+            .trim()
+            .parse::<usize>()
+            .ok()
+            .filter(|n| (1..=element::MAX_FRAMES).contains(n))
+            .ok_or_else(|| bad(path, format!("it has '{}' frames", quote(t)), format!("1 to {} are read", element::MAX_FRAMES)))?,
     };
     let each = form.bytes();
     let places: Vec<(u64, u64)> = match pixels {
         Pixels::Native { at, length } => {
             let needs = each.checked_mul(count as u64);
             if needs.is_none_or(|n| n > length) {
-                let what = format!("{count} frames of {} need {} bytes, its pixel data have {length}", form.says(), needs.unwrap_or(u64::MAX));
+                let what =
+                    format!("{count} frames of {} need {} bytes, its pixel data have {length}", form.says(), needs.unwrap_or(u64::MAX));
                 return Err(bad(path, what, "the file is cut short or damaged"));
             }
             (0..count as u64).map(|i| (at + i * each, each)).collect()
@@ -179,7 +193,8 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
     let slice = |(i, (at, length)): (usize, (u64, u64))| {
         let frame = frames.get(i).unwrap_or(&none);
         let get = |tag: Tag| frame.get(&tag).or_else(|| shared.get(&tag)).or_else(|| fields.get(&tag)).map(String::as_str);
-        let wrong = |name: &str, tag: Tag, right: &str| bad(path, format!("its {name} is '{}'", quote(get(tag).unwrap_or_default())), right);
+        let wrong =
+            |name: &str, tag: Tag, right: &str| bad(path, format!("its {name} is '{}'", quote(get(tag).unwrap_or_default())), right);
         let number = |name: &str, tag: Tag| match get(tag) {
             None => Ok(None),
             Some(t) => numbers::<1>(t).map(|[v]| Some(v)).ok_or_else(|| wrong(name, tag, "a number is needed")),
@@ -195,7 +210,8 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
             Some(t) => {
                 let right = "two unit vectors at right angles, six numbers, are needed";
                 let axes = numbers::<6>(t).map(|[a, b, c, d, e, f]| [DVec3::new(a, b, c), DVec3::new(d, e, f)]);
-                let good = axes.filter(|[x, y]| (x.length() - 1.0).abs() < 0.01 && (y.length() - 1.0).abs() < 0.01 && x.dot(*y).abs() < 0.01);
+                let good =
+                    axes.filter(|[x, y]| (x.length() - 1.0).abs() < 0.01 && (y.length() - 1.0).abs() < 0.01 && x.dot(*y).abs() < 0.01);
                 Some(good.ok_or_else(|| wrong("ImageOrientationPatient", element::ORIENTATION, right))?)
             }
         };
@@ -263,7 +279,11 @@ fn form(path: &Path, fields: &Fields, float_bits: u32, big_endian: bool, pixels:
     let channels = optional(element::SAMPLES, "SamplesPerPixel")?.unwrap_or(1) as usize;
     let photometric = fields.get(&element::PHOTOMETRIC).cloned().unwrap_or_else(|| "MONOCHROME2".into());
     if !matches!(channels, 1 | 3 | 4) || channels > 1 && (photometric.ends_with("422") || photometric.ends_with("420")) {
-        return Err(bad(path, format!("its pixels have {channels} samples, {}", quote(&photometric)), "1, or 3 or 4 at full resolution, are read"));
+        return Err(bad(
+            path,
+            format!("its pixels have {channels} samples, {}", quote(&photometric)),
+            "1, or 3 or 4 at full resolution, are read",
+        ));
     }
     let planar = channels > 1 && (rle || optional(element::PLANAR, "PlanarConfiguration")? == Some(1));
     let signed = optional(element::SIGNED, "PixelRepresentation")? == Some(1);

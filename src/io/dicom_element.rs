@@ -152,8 +152,7 @@ pub(super) fn read(path: &Path) -> Result<Elements> {
     if syntax == Some("1.2.840.10008.1.2.1.99") {
         return Err(bad(path, "it is a deflated DICOM file", "uncompressed files and RLE are read: gdcmconv --raw rewrites it"));
     }
-    let mut elements =
-        Elements { fields, shared: Fields::new(), frames: Vec::new(), pixels: None, big_endian: walk.big };
+    let mut elements = Elements { fields, shared: Fields::new(), frames: Vec::new(), pixels: None, big_endian: walk.big };
     walk.data_set(&mut elements)?;
     Ok(elements)
 }
@@ -356,7 +355,11 @@ impl Walk<'_> {
 pub(super) fn part(path: &Path, at: u64, length: u64, out: &mut Vec<u8>) -> Result<()> {
     let (mut file, there) = open(path)?;
     if at.checked_add(length).is_none_or(|end| end > there) {
-        return Err(bad(path, format!("its pixel data end at byte {there}, {} are needed", at.saturating_add(length)), "the file is cut short"));
+        return Err(bad(
+            path,
+            format!("its pixel data end at byte {there}, {} are needed", at.saturating_add(length)),
+            "the file is cut short",
+        ));
     }
     file.seek(SeekFrom::Start(at)).map_err(|e| io(path, "read", e))?;
     out.try_reserve_exact(length as usize).map_err(|_| {
@@ -367,6 +370,8 @@ pub(super) fn part(path: &Path, at: u64, length: u64, out: &mut Vec<u8>) -> Resu
     file.take(length).read_to_end(out).map_err(|e| io(path, "read", e))?;
     match (out.len() - before) as u64 == length {
         true => Ok(()),
-        false => Err(bad(path, format!("its pixel data end {} bytes early", length - (out.len() - before) as u64), "the file is cut short")),
+        false => {
+            Err(bad(path, format!("its pixel data end {} bytes early", length - (out.len() - before) as u64), "the file is cut short"))
+        }
     }
 }

@@ -27,8 +27,19 @@ pub(super) fn read(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Re
             (a, b) => a.is_some() == b.is_some(),
         };
         if slice.form != first.form || !same_axes || !same_spacing {
-            let what = format!("it is {}, {}, and {} is {}, {}", slice.form.says(), frame(slice), shown(&first.path), first.form.says(), frame(&first));
-            return Err(bad(&slice.path, what, "slices of one volume share size, type, orientation and spacing: keep one kind in the folder"));
+            let what = format!(
+                "it is {}, {}, and {} is {}, {}",
+                slice.form.says(),
+                frame(slice),
+                shown(&first.path),
+                first.form.says(),
+                frame(&first)
+            );
+            return Err(bad(
+                &slice.path,
+                what,
+                "slices of one volume share size, type, orientation and spacing: keep one kind in the folder",
+            ));
         }
     }
     let axes = arrange(path, &mut slices)?;

@@ -48,7 +48,11 @@ impl<'a> Header<'a> {
         for number in 1.. {
             let text = header.line(file, &mut line)?;
             let Some(text) = text else {
-                return Err(bad(path, "its header has no line ElementDataFile", "it ends a MetaImage header, and says where the samples are"));
+                return Err(bad(
+                    path,
+                    "its header has no line ElementDataFile",
+                    "it ends a MetaImage header, and says where the samples are",
+                ));
             };
             if text.trim().is_empty() {
                 continue;
@@ -143,7 +147,10 @@ pub(super) fn read(path: &Path, mut file: BufReader<File>, length: u64, options:
     let slope = header.numbers(&["ElementToIntensityFunctionSlope"], 1)?.map_or(1.0, |v| v[0] as f32);
     let intercept = header.numbers(&["ElementToIntensityFunctionOffset"], 1)?.map_or(0.0, |v| v[0] as f32);
     if !slope.is_finite() || !intercept.is_finite() || slope == 0.0 {
-        return Err(header.wrong(&["ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset"], "slope and offset must be finite, the slope not 0"));
+        return Err(header.wrong(
+            &["ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset"],
+            "slope and offset must be finite, the slope not 0",
+        ));
     }
     let replace = as_stored(path, options.nan_as, slope, intercept)?;
     let mut layout = Layout { big_endian, text, replace, ..Layout::scalar(dims, kind) };
@@ -216,7 +223,9 @@ fn components(header: &Header, sizes: &[usize], layout: &mut Layout, options: &R
     let volumes = sizes.get(3).copied().unwrap_or(1);
     if channels > 1 {
         if volumes > 1 {
-            return Err(header.wrong(&["DimSize"], format!("a series of voxels with {channels} channels each is not read: cut one volume out")));
+            return Err(
+                header.wrong(&["DimSize"], format!("a series of voxels with {channels} channels each is not read: cut one volume out"))
+            );
         }
         let what = format!("each voxel has {channels} channels");
         let pick = choose::component(header.path, &what, channels, &[], None, options)?;

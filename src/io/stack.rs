@@ -127,7 +127,11 @@ pub(super) fn read_pattern(path: &Path, options: &ReadOptions) -> Result<Volume>
     let mut slices: Vec<(u64, PathBuf)> = files_of(folder)?.into_iter().filter_map(|f| Some((number(&f)?, f))).collect();
     slices.sort_by_key(|s| s.0);
     if slices.is_empty() {
-        return Err(bad(path, "no file of this pattern is there", format!("each # stands for a digit: {head}{}{tail} would be one", "0".repeat(run.len()))));
+        return Err(bad(
+            path,
+            "no file of this pattern is there",
+            format!("each # stands for a digit: {head}{}{tail} would be one", "0".repeat(run.len())),
+        ));
     }
     if let Some(w) = slices.windows(2).find(|w| w[1].0 != w[0].0 + 1) {
         log::warn!("{}: no slice has a number between {} and {}; the others are taken as evenly spaced", shown(path), w[0].0, w[1].0);
@@ -200,9 +204,13 @@ mod tests {
 
     #[test]
     fn names_are_sorted_as_people_mean() {
-        let mut names = ["s10.tif", "s9.tif", "s009.tif", "t1.tif", "s1a2.tif", "s1a10.tif", "S2.tif", "s.tif", "s100000000000000000000000.tif"];
+        let mut names =
+            ["s10.tif", "s9.tif", "s009.tif", "t1.tif", "s1a2.tif", "s1a10.tif", "S2.tif", "s.tif", "s100000000000000000000000.tif"];
         names.sort_by(|a, b| natural(a, b));
-        assert_eq!(names, ["S2.tif", "s.tif", "s1a2.tif", "s1a10.tif", "s9.tif", "s009.tif", "s10.tif", "s100000000000000000000000.tif", "t1.tif"]);
+        assert_eq!(
+            names,
+            ["S2.tif", "s.tif", "s1a2.tif", "s1a10.tif", "s9.tif", "s009.tif", "s10.tif", "s100000000000000000000000.tif", "t1.tif"]
+        );
     }
 
     #[test]

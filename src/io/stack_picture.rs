@@ -208,7 +208,11 @@ fn check_directory(path: &Path, file: &mut BufReader<File>, length: u64) -> Resu
         read(None, 2, big)?;
         let count = read(None, if wide { 8 } else { 4 }, big)?;
         if count > length {
-            return Err(bad(path, format!("TIFF: tag {tag} claims {count} values, the file has {length} bytes"), "an undamaged file is needed"));
+            return Err(bad(
+                path,
+                format!("TIFF: tag {tag} claims {count} values, the file has {length} bytes"),
+                "an undamaged file is needed",
+            ));
         }
         read(None, if wide { 8 } else { 4 }, big)?;
     }
@@ -263,10 +267,18 @@ fn tiff_page(path: &Path, decoder: &mut Decoder<BufReader<File>>, length: u64) -
     };
     let stored = if half { 2 } else { kind.bytes() };
     if u64::from(color.bit_depth()) != 8 * stored {
-        return Err(bad(path, format!("its samples have {} bits", color.bit_depth()), "8, 16, 32 and 64 bits are read: save it with 8 or 16"));
+        return Err(bad(
+            path,
+            format!("its samples have {} bits", color.bit_depth()),
+            "8, 16, 32 and 64 bits are read: save it with 8 or 16",
+        ));
     }
     if layout.planes > 1 {
-        return Err(bad(path, format!("its {} channels lie in planes of their own", layout.planes), "channels beside each other are read (PlanarConfiguration 1)"));
+        return Err(bad(
+            path,
+            format!("its {} channels lie in planes of their own", layout.planes),
+            "channels beside each other are read (PlanarConfiguration 1)",
+        ));
     }
     let channels = usize::from(color.num_samples());
     let color = match color {

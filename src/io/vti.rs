@@ -226,9 +226,18 @@ fn points(path: &Path, extent: [i64; 6]) -> Result<[usize; 3]> {
     let mut points = [0; 3];
     for (a, n) in points.iter_mut().enumerate() {
         let (first, last) = (extent[2 * a], extent[2 * a + 1]);
-        *n = last.checked_sub(first).and_then(|d| usize::try_from(d).ok()).and_then(|d| d.checked_add(1)).filter(|n| *n <= 1 << 20).ok_or_else(
-            || bad(path, format!("its extent runs from {first} to {last} along an axis"), "1 to 1048576 points, the last not before the first"),
-        )?;
+        *n = last
+            .checked_sub(first)
+            .and_then(|d| usize::try_from(d).ok())
+            .and_then(|d| d.checked_add(1))
+            .filter(|n| *n <= 1 << 20)
+            .ok_or_else(|| {
+                bad(
+                    path,
+                    format!("its extent runs from {first} to {last} along an axis"),
+                    "1 to 1048576 points, the last not before the first",
+                )
+            })?;
     }
     Ok(points)
 }

@@ -55,13 +55,18 @@ pub(super) fn data(
     file.seek(SeekFrom::Start(at)).map_err(|e| io(path, "read", e))?;
     let left = end.saturating_sub(at);
     let plain = file.take(left);
-    let (mut bytes, most): (Box<dyn Read>, u64) = if base64 { (Box::new(Base64::new(plain)), left / 4 * 3) } else { (Box::new(plain), left) };
+    let (mut bytes, most): (Box<dyn Read>, u64) =
+        if base64 { (Box::new(Base64::new(plain)), left / 4 * 3) } else { (Box::new(plain), left) };
     let needs = layout.stored_bytes().unwrap_or(u64::MAX);
     let failed = |e: Error| bad(path, format!("the size of an array at byte {at} cannot be read: {e}"), "the file is cut short or damaged");
     let first = size(&mut bytes, coding).map_err(failed)?;
     if !coding.zlib {
         if first != needs {
-            return Err(bad(path, format!("{} need {needs} bytes, the file says that there are {first}", layout.what()), "its header is wrong"));
+            return Err(bad(
+                path,
+                format!("{} need {needs} bytes, the file says that there are {first}", layout.what()),
+                "its header is wrong",
+            ));
         }
         return Ok(Source::Coded(Box::new(bytes.take(needs)), if base64 { "base64" } else { "raw" }, most));
     }

@@ -286,10 +286,15 @@ fn keyword(text: &mut Text, word: &str, ended: bool, binary: bool, image: &mut I
 /// SCALARS, VECTORS and their like: a name, a type, and a tuple per point or cell.
 fn attribute(text: &mut Text, word: &str, binary: bool, image: &mut Image) -> Result<bool> {
     let path = text.path;
-    let known = ["SCALARS", "COLOR_SCALARS", "VECTORS", "NORMALS", "TEXTURE_COORDINATES", "TENSORS", "TENSORS6", "GLOBAL_IDS", "PEDIGREE_IDS"];
+    let known =
+        ["SCALARS", "COLOR_SCALARS", "VECTORS", "NORMALS", "TEXTURE_COORDINATES", "TENSORS", "TENSORS6", "GLOBAL_IDS", "PEDIGREE_IDS"];
     if !known.contains(&word) {
         let at = text.at.saturating_sub(word.len() as u64 + 1);
-        return Err(bad(path, format!("'{}' stands at byte {at} where a keyword is due", quote(word)), "the file is damaged, or not of this kind"));
+        return Err(bad(
+            path,
+            format!("'{}' stands at byte {at} where a keyword is due", quote(word)),
+            "the file is damaged, or not of this kind",
+        ));
     }
     let name = text.word("the name of an array")?;
     let colors = || if binary { "unsigned_char".to_owned() } else { "float".to_owned() };
@@ -325,7 +330,8 @@ fn attribute(text: &mut Text, word: &str, binary: bool, image: &mut Image) -> Re
         "TENSORS6" => (text.last("the type of an array")?, 6),
         _ => (text.last("the type of an array")?, 1),
     };
-    let tuples = tuples(image).ok_or_else(|| bad(path, format!("{word} stands before POINT_DATA"), "POINT_DATA or CELL_DATA come first"))?;
+    let tuples =
+        tuples(image).ok_or_else(|| bad(path, format!("{word} stands before POINT_DATA"), "POINT_DATA or CELL_DATA come first"))?;
     array(text, &name, &kind, components, tuples, binary, image)
 }
 

@@ -77,7 +77,11 @@ impl<'a, R: BufRead> Tags<'a, R> {
                 [b'?' | b'!', ..] => {}
                 _ => {
                     let (name, form, attributes) = parse(&inner).ok_or_else(|| {
-                        bad(self.path, format!("the tag '<{}>' at byte {start} is no XML", quote(&inner)), "attributes stand as name=\"value\"")
+                        bad(
+                            self.path,
+                            format!("the tag '<{}>' at byte {start} is no XML", quote(&inner)),
+                            "attributes stand as name=\"value\"",
+                        )
                     })?;
                     return Ok(Some(Tag { name, form, attributes, text, start, end: self.at }));
                 }
@@ -109,7 +113,11 @@ impl<'a, R: BufRead> Tags<'a, R> {
                 return Err(bad(self.path, what, "document types and CDATA are not read"));
             }
             if inner.len() == LONGEST {
-                return Err(bad(self.path, format!("the tag at byte {start} has more than {} KiB", LONGEST >> 10), "shorter tags are read"));
+                return Err(bad(
+                    self.path,
+                    format!("the tag at byte {start} has more than {} KiB", LONGEST >> 10),
+                    "shorter tags are read",
+                ));
             }
         }
         String::from_utf8(inner).map_err(|_| bad(self.path, format!("the tag at byte {start} is not UTF-8"), "XML in UTF-8 is read"))
@@ -202,7 +210,10 @@ mod tests {
     fn tags_attributes_and_text_are_found() {
         let text = "<?xml version=\"1.0\"?>\n<!-- a > b -- <x> -->\n<a k='1 > 0' \n l = \"x &amp; &#65;&#x42;\"><b/> 12 3\n</a >";
         let all = tags(text).unwrap();
-        assert_eq!(all.iter().map(|t| (t.name.as_str(), t.form)).collect::<Vec<_>>(), [("a", Form::Open), ("b", Form::Empty), ("a", Form::Close)]);
+        assert_eq!(
+            all.iter().map(|t| (t.name.as_str(), t.form)).collect::<Vec<_>>(),
+            [("a", Form::Open), ("b", Form::Empty), ("a", Form::Close)]
+        );
         assert_eq!((all[0].get("k"), all[0].get("l"), all[0].get("m")), (Some("1 > 0"), Some("x & AB"), None));
         assert_eq!((all[1].text, &text[all[2].text.unwrap() as usize..][..4]), (None, "12 3"));
         assert_eq!(&text[all[2].start as usize..all[2].end as usize], "</a >");
