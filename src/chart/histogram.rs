@@ -32,6 +32,9 @@ pub fn histogram_svg(title: &str, info: &VolumeInfo, points: &[[f64; 5]]) -> Str
     let width = (x1 - x0) / info.histogram.len().max(1) as f64;
     for (i, &n) in info.histogram.iter().enumerate() {
         let h = height(n as f64);
+        if h <= 0.0 {
+            continue;
+        }
         svg.rect([x0 + i as f64 * width + 0.5, y0 - h, (width - 1.0).max(0.5), h], ("bar", "#9db4c8"));
     }
     let (lo, hi) = (f64::from(info.range[0]), f64::from(info.range[1]));

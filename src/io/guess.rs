@@ -11,16 +11,16 @@ use super::info::VolumeInfo;
 pub fn guess_transfer(info: &VolumeInfo) -> Vec<[f64; 5]> {
     let [lo, hi] = info.range.map(f64::from);
     let bins = info.histogram.len();
+    let longest = info.dims.iter().copied().max().unwrap_or(1) as f64;
+    let opacity = |share: f64| 1.0 - (-1.0 / (share * longest).max(1.0)).exp();
+    let (soft, dense) = (opacity(0.25), opacity(0.02));
     if hi <= lo || bins < 4 {
-        return vec![[lo, 0.8, 0.8, 0.8, 0.0], [lo + 1.0, 0.8, 0.8, 0.8, 0.5]];
+        return vec![[lo, 0.8, 0.8, 0.8, short(soft)]];
     }
     let ground = ground(&info.histogram);
     let weights: Vec<f64> = info.histogram.iter().map(|&n| (n as f64).sqrt()).collect();
     let hard = otsu(&weights, ground).clamp(ground + 1, bins - 1);
     let at = |bin: f64| lo + (hi - lo) * bin / bins as f64;
-    let longest = info.dims.iter().copied().max().unwrap_or(1) as f64;
-    let opacity = |share: f64| 1.0 - (-1.0 / (share * longest).max(1.0)).exp();
-    let (soft, dense) = (opacity(0.25), opacity(0.02));
     let half = 0.5 * (hard - ground) as f64;
     const SOFT: [f64; 3] = [0.80, 0.45, 0.28];
     const HARD: [f64; 3] = [0.90, 0.86, 0.78];

@@ -7,8 +7,11 @@ use std::io::Write;
 use std::path::PathBuf;
 
 mod formats;
+mod seeds;
 #[allow(unused_imports)]
 pub use formats::*;
+#[allow(unused_imports)]
+pub use seeds::*;
 
 pub const DIMS: [usize; 3] = [5, 4, 3];
 
