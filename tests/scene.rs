@@ -24,6 +24,8 @@ fn with(text: &str, overrides: &[(&str, &str)]) -> Result<Scene, String> {
 const FULL: &str = r#"
 [volume]
 file = "ct.raw"
+component = "0"
+series = "1.2.3"
 dims = [4, 5, 6]
 type = "int16"
 spacing = [1, 1.5, 2]
@@ -81,6 +83,7 @@ skip = false
 fn every_key_is_read() {
     let s = parse(FULL).unwrap();
     assert_eq!(s.volume.file, PathBuf::from("/scenes/ct.raw"));
+    assert_eq!((s.volume.component.as_deref(), s.volume.series.as_deref()), (Some("0"), Some("1.2.3")));
     assert_eq!(s.volume.nan_as, Some(-3.5));
     let raw = s.volume.raw.clone().unwrap();
     assert_eq!((raw.dims, raw.sample_type.as_str(), raw.spacing), ([4, 5, 6], "int16", [1.0, 1.5, 2.0]));
@@ -282,7 +285,7 @@ fn overrides_replace_keys_and_pass_the_same_checks() {
     // A path from the command line is not the scene's.
     assert_eq!(s.volume.file, PathBuf::from("b.raw"));
     assert_eq!(s.origins.of("visibility.ratio"), "command line");
-    assert_eq!(s.origins.of("visibility.bits"), "s.toml line 33");
+    assert_eq!(s.origins.of("visibility.bits"), "s.toml line 35");
     // The last one holds; quotes are allowed; a number may be a name.
     let s = with("volume.file='a'", &[("light.scale", "3"), ("light.scale", "4"), ("light.probe", "\"x y.hdr\""), ("transfer.file", "1")]);
     let s = s.unwrap();
