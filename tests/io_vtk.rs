@@ -130,6 +130,11 @@ fn legacy_files_read_back() {
         let text: Vec<u8> = values(kind).iter().flat_map(|v| format!("{v}\n").into_bytes()).collect();
         let ascii = dir.file("a.vtk", &[&legacy("ASCII", &head.replace("\nLOOKUP", " 1\nLOOKUP")), &text]);
         assert!(holds(&read(&ascii).unwrap(), kind), "{name} in text");
+        // Long text of other arrays may follow.
+        let more = [b"\nMETADATA\nINFORMATION 0\n\nVECTORS v double\n".to_vec(), b"1.25 ".repeat(180)].concat();
+        let two = dir.file("a.vtk", &[&legacy("ASCII", &head), &text, &more]);
+        assert!(holds(&pick(&two, "a b").unwrap(), kind), "{name} in text, before another");
+        assert_eq!(pick(&two, "v:2").unwrap().range(), [1.25, 1.25]);
     }
 }
 

@@ -41,6 +41,7 @@ pub enum Vti {
 pub type Array<'a> = (&'a str, SampleType, usize, Vec<f64>);
 
 /// A `.vti` of `extent` with arrays at points (and, `cells`, at cells), zlib in blocks of `block` bytes where that is above 0.
+#[allow(clippy::too_many_arguments)]
 pub fn vti(form: Vti, image: &str, extent: &str, points: &[Array], cells: &[Array], big: bool, wide: bool, block: usize) -> Vec<u8> {
     let size = |n: usize| {
         let mut raw = if wide { (n as u64).to_le_bytes().to_vec() } else { (n as u32).to_le_bytes().to_vec() };
@@ -236,7 +237,7 @@ pub fn rle16(pixels: &[u8]) -> Vec<u8> {
         out
     };
     let (high, low) = (plane(1), plane(0));
-    let mut head = vec![0u32; 16];
+    let mut head = [0u32; 16];
     (head[0], head[1], head[2]) = (2, 64, 64 + high.len() as u32);
     [head.iter().flat_map(|v| v.to_le_bytes()).collect(), high, low].concat()
 }
@@ -280,13 +281,14 @@ where
     [C::Inner]: tiff::encoder::TiffValue,
 {
     let mut out = Cursor::new(Vec::new());
-    let mut encoder = tiff::encoder::TiffEncoder::new(&mut out).unwrap();
-    if zipped {
-        encoder = encoder.with_compression(tiff::encoder::Compression::Deflate(Default::default()));
+    {
+        let mut encoder = tiff::encoder::TiffEncoder::new(&mut out).unwrap();
+        if zipped {
+            encoder = encoder.with_compression(tiff::encoder::Compression::Deflate(Default::default()));
+        }
+        for page in pages {
+            encoder.write_image::<C>(width, height, page).unwrap();
+        }
     }
-    for page in pages {
-        encoder.write_image::<C>(width, height, page).unwrap();
-    }
-    drop(encoder);
     out.into_inner()
 }
