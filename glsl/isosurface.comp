@@ -3,8 +3,8 @@
 // gradient normal, through the SH product of visibility, light and clamped cosine (bands 0, 1, 2, 4, 6: exact for V and
 // L of 4 bands). A pixel's state stays in memory so that a long ray can be split over dispatches.
 // Blocks without matter are leapt over on the same sample positions (see raymarch.comp).
-// Counted: one texel per leap, one tap per step in blocks with matter, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 32 texels and 31 x 48
-// multiply-adds.
+// Counted: one texel per leap, one tap per step in blocks with matter, 12 for bisection, 6 for the gradient; then once per hit 8 taps, 8 texels of
+// the directory, 32 of the field and 31 x 48 multiply-adds.
 // readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -16,6 +16,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
 #include "field.glsl"
+#include "field_bricks.glsl"
 layout(constant_id = 2) const uint LAMBERT = 1;
 layout(constant_id = 3) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 4) const uint RUN = 4;  // steps between two looks at the blocks
@@ -35,6 +36,7 @@ layout(set = 0, binding = 5, std430) readonly buffer View {
 layout(set = 0, binding = 6, std430) buffer State { vec4 state[]; };        // radiance, coverage
 layout(set = 0, binding = 7, std430) writeonly buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
 layout(set = 0, binding = 8) uniform sampler3D occupancy;
+layout(set = 0, binding = 9) uniform usampler3D bricks;
 
 layout(push_constant) uniform Params {
     vec3 origin;
@@ -59,27 +61,10 @@ layout(push_constant) uniform Params {
 #include "occupancy.glsl"
 #include "sh.glsl"
 #include "sh_high.glsl"
+#include "hit.glsl"
 
-const int BISECTIONS = 12;
 const float INV_4PI = 0.07957747154594767;
 const float INV_PI = 0.3183098861837907;
-
-// D - iso, positive inside the surface; n: normalised coordinates.
-float above(vec3 n) {
-    return side * (textureLod(volume, n, 0.0).r - iso);
-}
-
-// World-space unit normal, pointing out of the surface; zero where the data is flat.
-vec3 outward_normal(vec3 n, vec3 dims) {
-    vec3 h = 1.0 / dims;
-    vec3 g = vec3(
-        above(n + vec3(h.x, 0.0, 0.0)) - above(n - vec3(h.x, 0.0, 0.0)),
-        above(n + vec3(0.0, h.y, 0.0)) - above(n - vec3(0.0, h.y, 0.0)),
-        above(n + vec3(0.0, 0.0, h.z)) - above(n - vec3(0.0, 0.0, h.z)));
-    vec3 w = -(mat3(voxel_to_world_normal) * g);
-    float l = length(w);
-    return l > 0.0 ? w / l : vec3(0.0);
-}
 
 vec3 light_group(vec4 v, uint row, uint g) {
     uint k = row * 16u + 4u * g;
@@ -127,12 +112,14 @@ void surface_visibility(vec3 n, vec3 normal, vec3 outward, out vec4 v[4]) {
                 for (int g = 0; g < 4; g++) v[g] += w * open[g];
                 weights += w;
             } else if (w > 0.0 && (vacuum || attempt == 1)) {
-                ivec3 p = ivec3(c);
+                uint brick = brick_of(bricks, ivec3(c));
+                weights += w;
+                if (brick < HELD) continue; // nobody computed it: dark
+                ivec3 p = texel_of(brick, ivec3(c), ivec3(field_dims.xyz));
                 v[0] += w * decode(texelFetch(field0, p, 0), 0u);
                 if (BANDS > 2) v[1] += w * decode(texelFetch(field1, p, 0), 1u);
                 if (BANDS > 2) v[2] += w * decode(texelFetch(field2, p, 0), 2u);
                 if (BANDS > 3) v[3] += w * decode(texelFetch(field3, p, 0), 3u);
-                weights += w;
             }
         }
         if (weights > 1e-4) {
@@ -163,9 +150,7 @@ void main() {
     if (!(total > 0.0)) return;
     uint steps = uint(ceil(total / step_length));
     uint end = min(steps, first_step + step_count);
-    vec3 scale = 1.0 / dims;
-    vec3 p0 = (origin + d * begin) * scale;
-    vec3 dn = d * scale;
+    Line line = line_of(origin, d, begin, span.y, dims);
 
     // Steps before the box around all matter and behind it find nothing; one more on both sides, for positions are rounded.
     vec3 q0 = origin + d * begin;
@@ -175,7 +160,7 @@ void main() {
     float lo = min(float(first) * step_length, total);
     float hi = -1.0;
     if (first < end) {
-        if (above(p0 + dn * lo) >= 0.0) {
+        if (above_at(line, lo) >= 0.0) {
             hi = lo; // the volume's own face cuts the surface open
         } else {
             uint i = first + 1u;
@@ -188,46 +173,18 @@ void main() {
                         lo = min(float(i - 1u) * step_length, total);
                     }
                 }
-                uint stop = min(i + RUN, end + 1u);
-                for (; i < stop; i++) {
-                    float t = min(float(i) * step_length, total);
-                    if (above(p0 + dn * t) >= 0.0) {
-                        hi = t;
-                        break;
-                    }
-                    lo = t;
-                }
+                i = search(line, i, min(i + RUN, end + 1u), lo, hi);
             }
         }
     }
     if (hi < 0.0) return;
     bool cut_open = hi == lo;
-    for (int i = 0; i < BISECTIONS && !cut_open; i++) {
-        float middle = 0.5 * (lo + hi);
-        if (above(p0 + dn * middle) >= 0.0) hi = middle;
-        else lo = middle;
-    }
+    if (!cut_open) bisect(line, BISECTIONS, lo, hi);
     float t = 0.5 * (lo + hi);
-    vec3 n = p0 + dn * t;
-
-    vec3 normal = outward_normal(n, dims);
-    if (cut_open && t == 0.0 && span.x > 0.0) {
-        // The face through which the ray enters: its normal is a gradient of one coordinate.
-        vec3 a = min((vec3(0.0) - origin) / d, (dims - origin) / d);
-        vec3 axis = vec3(0.0);
-        if (a.x >= a.y && a.x >= a.z) axis.x = -sign(d.x);
-        else if (a.y >= a.z) axis.y = -sign(d.y);
-        else axis.z = -sign(d.z);
-        normal = normalize(mat3(voxel_to_world_normal) * axis);
-    }
-    if (normal == vec3(0.0)) {
-        // Flat data has no gradient: face the viewer. The ray in world space is M d = M^-T (M^T M d).
-        vec3 g = metric_diagonal * d + vec3(metric_cross.x * d.y + metric_cross.y * d.z, metric_cross.x * d.x + metric_cross.z * d.z,
-            metric_cross.y * d.x + metric_cross.z * d.y);
-        normal = -normalize(mat3(voxel_to_world_normal) * g);
-    }
+    vec3 n = line.p0 + line.dn * t;
+    vec3 normal = normal_at(line, t, cut_open);
     // One field cell outwards, in cells: the world normal back to voxel space, its largest component made 1.
-    vec3 outward = transpose(mat3(voxel_to_world_normal)) * normal * scale * field_dims.xyz;
+    vec3 outward = transpose(mat3(voxel_to_world_normal)) * normal * (1.0 / dims) * field_dims.xyz;
     float largest = max(max(abs(outward.x), abs(outward.y)), abs(outward.z));
     outward = largest > 0.0 ? outward / largest : vec3(0.0);
 

@@ -22,6 +22,7 @@ layout(set = 0, binding = 3) uniform sampler3D irradiance;
 layout(set = 0, binding = 4, std430) buffer State { vec4 state[]; }; // radiance, optical depth
 
 layout(set = 0, binding = 5) uniform sampler3D occupancy;
+layout(set = 0, binding = 6, std430) readonly buffer Window { vec4 window[2]; }; // volume's normalised coordinates -> irradiance's: scale, shift
 
 layout(constant_id = 0) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 1) const uint TINTED = 0; // 1: albedo is constant and stands in tint
@@ -71,6 +72,8 @@ void main() {
     vec3 p0 = (origin + d * begin) * scale;
     vec3 dn = d * scale;
     vec3 q0 = origin + d * begin;
+    vec3 window_scale = window[0].xyz;
+    vec3 window_shift = window[1].xyz;
     // A step more on both sides of the box: positions are rounded.
     vec2 inside = matter_span(origin, d) - begin;
     uint i = max(first_step, uint(clamp(inside.x / step_length - 2.0, 0.0, float(steps))));
@@ -88,14 +91,14 @@ void main() {
         for (; i < stop && transmittance > DARK; i++) {
             float t = float(i) * step_length;
             float ds = min(step_length, total - t);
-            vec3 p = p0 + dn * (t + 0.5 * ds); // normalised coordinates of volume and field
+            vec3 p = p0 + dn * (t + 0.5 * ds); // normalised coordinates
             float u = table_coordinate(textureLod(volume, p, 0.0).r);
             uint k = min(uint(u), TABLE_SIZE - 2u);
             float f = u - float(k);
             float depth = mix(sigma[k], sigma[k + 1u], f) * ds;
             if (depth > 0.0) {
                 float alpha = opacity_of(depth);
-                vec4 light = textureLod(irradiance, p, 0.0);
+                vec4 light = textureLod(irradiance, p * window_scale + window_shift, 0.0);
                 // The sky seen through spherical harmonics can ring below zero; light does not.
                 vec3 source = max(GREY == 1 ? light.rrr : light.rgb, vec3(0.0)) * tint;
                 if (TINTED == 0) source *= mix(albedo[k].rgb, albedo[k + 1u].rgb, f);

@@ -63,6 +63,7 @@ layout(push_constant) uniform Params {
 #include "view.glsl"
 #include "hit.glsl"
 
+const int REFINEMENTS = 8; // bisections besides, for the start of shadow rays
 const uint STRATA = 4;
 const uint BATCH = STRATA * STRATA;
 const float TENTATIVE = 8.0; // collisions that a viewing ray through matter meets at least, on average: less noise in haze
@@ -221,7 +222,6 @@ void main() {
     vec2 span = box_span(origin, d, dims);
     span.x = max(span.x, 0.0);
 
-    Hit hit;
     bool found = span.y > span.x;
     float least = TENTATIVE / (span.y - span.x);
     if (MATTER == 0 && found) {
@@ -231,10 +231,20 @@ void main() {
     vec3 start = vec3(0.0);
     vec3 normal = vec3(0.0);
     if (MATTER > 0 && found) {
-        hit = find_hit(origin, d, span, dims);
-        found = hit.t >= 0.0;
-        start = origin + d * hit.start;
-        normal = mat3(world_to_sky) * hit.normal;
+        Line line = line_of(origin, d, span.x, span.y, dims);
+        float lo = 0.0;
+        float hi = above(line.p0) >= 0.0 ? 0.0 : -1.0;
+        bool cut_open = hi == 0.0;
+        if (!cut_open) {
+            search(line, 1u, uint(ceil(line.total / step_length)) + 1u, lo, hi);
+            if (hi >= 0.0) bisect(line, BISECTIONS, lo, hi);
+        }
+        found = hi >= 0.0;
+        if (found) {
+            normal = mat3(world_to_sky) * normal_at(line, 0.5 * (lo + hi), cut_open);
+            if (!cut_open) bisect(line, REFINEMENTS, lo, hi);
+            start = origin + d * (span.x + lo); // the last place before it that is surely vacuum
+        }
     }
     key.x = pixel.y * width + pixel.x;
     for (uint s = first_sample; found && s < first_sample + sample_count; s++) {

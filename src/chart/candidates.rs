@@ -28,6 +28,8 @@ pub fn of_estimators(ratio: u32) -> Vec<Visibility> {
     list.push(sweep(4, 128, 1.0));
     list.push(sweep(2, 512, 2.0));
     list.extend(FILTERS.map(|f| pyramid(f, 0.25, 64, Stratified)));
+    // Fewer bands store fewer sums.
+    list.extend(telling(ratio).iter().flat_map(|v| [3, 2, 1].map(|bands| Visibility { bands, ..v.clone() })));
     list.push(march(1.0, 400, Stratified));
     list.extend([(1, 64), (1, 128), (4, 128), (4, 512)].map(|(near, n)| sweep(near, n, 1.0)));
     list.push(pyramid(Filter::Axis, 0.25, 400, Jittered));
@@ -35,8 +37,6 @@ pub fn of_estimators(ratio: u32) -> Vec<Visibility> {
     list.push(march(1.0, 400, Jittered));
     list.extend([2.0, 4.0].map(|s| march(s, 400, Stratified)));
     list.push(march(0.5, 1024, Stratified));
-    // Fewer bands store fewer sums.
-    list.extend([1, 2, 3].map(|bands| Visibility { bands, ..sweep(2, 128, 2.0) }));
     // The rest of each estimator's product.
     for near in [1, 2, 4] {
         for step in [1.0, 2.0] {
@@ -56,13 +56,23 @@ pub fn of_estimators(ratio: u32) -> Vec<Visibility> {
     unique(list)
 }
 
+/// One setting of each estimator, which is measured with every number of bands.
+pub fn telling(ratio: u32) -> [Visibility; 3] {
+    let base = Visibility { ratio, bits: 32, ..Visibility::default() };
+    [
+        Visibility { method: Method::Sweep, near: 2, directions: 128, step: 2.0, ..base.clone() },
+        Visibility { method: Method::Hierarchical, directions: 64, ..base.clone() },
+        Visibility { method: Method::March, directions: 64, step: 1.0, ..base },
+    ]
+}
+
 /// A few settings that are repeated at other ratios.
 pub fn of_ratio(ratio: u32) -> Vec<Visibility> {
     let all = of_estimators(ratio);
     let told = |v: &&Visibility| match v.method {
         Method::Sweep => v.near == 2 && v.step == 2.0 && v.bands == 4 && [64, 128, 256].contains(&v.directions),
-        Method::Hierarchical => v.filter == Filter::Axis && v.growth == 0.25 && v.sampling == Sampling::Stratified,
-        Method::March => v.step == 1.0 && v.sampling == Sampling::Stratified && v.directions == 400,
+        Method::Hierarchical => v.filter == Filter::Axis && v.growth == 0.25 && v.sampling == Sampling::Stratified && v.bands == 4,
+        Method::March => v.step == 1.0 && v.sampling == Sampling::Stratified && v.directions == 400 && v.bands == 4,
     };
     all.iter().filter(told).cloned().collect()
 }
@@ -92,7 +102,7 @@ pub fn taps(v: &Visibility, grid: &Grid) -> f64 {
 /// "sweep, N 128, near 2, step 2": what is particular to a setting, for legends and tables.
 pub fn name(v: &Visibility) -> String {
     let jittered = if v.sampling == Sampling::Jittered { ", jittered" } else { "" };
-    let bands = if v.bands == 4 { String::new() } else { format!(", {} bands", v.bands) };
+    let bands = if v.bands == 4 { String::new() } else { format!(", {}", counted_bands(v.bands)) };
     let n = v.directions;
     match v.method {
         Method::March => format!("march, N {n}, step {}{jittered}{bands}", v.step),
@@ -106,11 +116,16 @@ pub fn short(v: &Visibility) -> String {
     let jittered = if v.sampling == Sampling::Jittered { " jittered" } else { "" };
     let n = v.directions;
     match v.method {
+        _ if v.bands < 4 => format!("N {n} {}", counted_bands(v.bands)),
         Method::March => format!("N {n} step {}{jittered}", v.step),
         Method::Hierarchical => format!("N {n} growth {}{jittered}", v.growth),
-        Method::Sweep if v.bands < 4 => format!("N {n} {} bands", v.bands),
         Method::Sweep => format!("N {n} near {} step {}", v.near, v.step),
     }
+}
+
+/// "1 band", "3 bands".
+pub fn counted_bands(n: u32) -> String {
+    if n == 1 { "1 band".into() } else { format!("{n} bands") }
 }
 
 /// The filter's name in a scene.
@@ -136,7 +151,8 @@ mod tests {
             names.sort();
             names.dedup();
             assert_eq!(names.len(), all.len());
-            assert!(of_ratio(ratio).len() >= 5);
+            assert!(of_ratio(ratio).len() >= 5 && of_ratio(ratio).iter().all(|v| v.bands == 4));
+            assert!(telling(ratio).iter().all(|v| all.contains(v)));
         }
     }
 

@@ -172,7 +172,7 @@ impl At<'_> {
         for (i, v) in list.into_iter().enumerate() {
             let (predicted, whole) = self.predicted(&v);
             if i >= first && predicted > clock.left(until) {
-                late.push(format!("{} (about {} s)", candidates::name(&v), super::plot::number(predicted)));
+                late.push(format!("{} (about {} s)", candidates::name(&v), super::axis::number(predicted)));
                 continue;
             }
             report.fields.push(self.point(&v, whole, clock)?);

@@ -17,7 +17,11 @@ pub fn record(report: &Report, device: &DeviceInfo) -> Record {
         for p in &s.frames {
             let name = format!("{}, {}, viewing step {}", s.name, p.name, p.step);
             put(format!("{name}: frame"), "s", p.seconds, p.spread);
-            put(format!("{name}: image relative RMSE"), "1", p.rmse, None);
+            put(format!("{name}: image relative RMSE, 95 %"), "1", p.rmse, Some(p.interval));
+        }
+        for l in &s.levels {
+            let name = format!("{}, {}, {}: image relative RMSE, 95 %", s.name, s.floor, super::candidates::counted_bands(l.bands));
+            put(name, "1", l.rmse, Some(l.interval));
         }
         for p in &s.savings {
             let name = format!("{}, {}, {}", s.name, p.of, p.name);

@@ -1,37 +1,24 @@
 //! Image error against frame time, its floor, and pictures side by side.
 
 use super::candidates;
-use super::{Clock, FieldPoint, FramePoint, Level, Options, Shown, Subject, SubjectReport, median, pareto, seconds, timed};
-use crate::engine::{Engine, Field, Lit, Medium, ReferenceSettings};
+use super::judge::{Truth, difference};
+use super::{Clock, FieldPoint, FramePoint, Options, Shown, Subject, SubjectReport, median, pareto, seconds, timed};
+use crate::engine::{Engine, Field, Lit, Medium};
 use crate::error::Result;
-use crate::measure::{self, flip};
 use crate::scene::visibility::{Filter, Method, Sampling};
 use crate::scene::{ImageSettings, Picture, Visibility};
 
 /// Shares of a subject's time: until when the dense field, the points, and the pairs of pictures may run.
 const UNTIL: [f64; 3] = [0.6, 0.75, 0.82];
 
-/// Relative standard error at which the reference picture is good enough: a tenth of what good frames are off by.
-const REFERENCE_ERROR: f64 = 0.005;
-
 /// Share of a subject's time that its reference picture gets even when late.
 const SURE: f64 = 0.1;
 
 /// Fields that are rendered even when late.
-const FIRST: usize = 2;
+const FIRST: usize = 1;
 
 /// Step of viewing rays that counts as exact, voxels.
 const EXACT_STEP: f64 = 0.5;
-
-/// What pictures are judged against.
-pub struct Truth {
-    /// The picture.
-    pub picture: Picture,
-    /// How it was made.
-    pub how: String,
-    /// Its relative standard error.
-    pub error: f64,
-}
 
 /// One subject's frames.
 pub struct Frames<'a> {
@@ -82,60 +69,9 @@ impl<'a> Frames<'a> {
         Ok((picture, times))
     }
 
-    fn exact(&self) -> ImageSettings {
+    /// Pictures whose viewing rays count as exact.
+    pub fn exact(&self) -> ImageSettings {
         ImageSettings { step: EXACT_STEP, ..self.image }
-    }
-
-    /// The densest field that `allowed` seconds are predicted to allow, and what it is.
-    fn dense(&self, allowed: f64, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock) -> Result<(Field, String)> {
-        let own = self.subject.ratio;
-        let at = |method, ratio: u32, directions, step: f32| Visibility {
-            method,
-            ratio,
-            directions,
-            step,
-            near: 4,
-            bits: 32,
-            ..Visibility::default()
-        };
-        let finer = (own / 2).max(1);
-        // A finer grid before more directions: beside thin matter the grid is what shows.
-        let list = [
-            at(Method::March, 1, 400, 1.0),
-            at(Method::Sweep, 1, 256, 1.0),
-            at(Method::March, finer, 400, 1.0),
-            at(Method::Sweep, finer, 256, 1.0),
-            at(Method::Sweep, own, 256, 1.0),
-        ];
-        let fits = |v: &&Visibility| cost(v) <= allowed && crate::engine::precompute_memory(self.medium.grid(), v).0 <= 1 << 29;
-        let v = list.iter().find(fits).unwrap_or(&list[4]);
-        let (dense, _) = self.field(v, clock)?;
-        Ok((dense, format!("{} at 1:{}", candidates::name(v), v.ratio)))
-    }
-
-    /// The picture that others are judged against: single scattering without harmonics, in about `allowed` seconds.
-    fn judge(&self, allowed: f64, clock: &mut Clock) -> Result<(Picture, String, f64)> {
-        let settings = ReferenceSettings { error: REFERENCE_ERROR, seconds: Some(allowed.max(1.0)), ..ReferenceSettings::default() };
-        let s = self.subject;
-        let r = self.engine.render_reference(self.medium, &s.sky, &s.camera, &self.exact(), &settings, &mut |_, _| clock.tick())?;
-        let error = r.relative_error;
-        Ok((r.picture, format!("path-traced single scattering, {} samples a pixel, its own error {error:.4}", r.samples), error))
-    }
-
-    /// Relative RMSE against the truth, whose own noise, independent of any picture's error, is taken off in quadrature.
-    fn rmse(&self, picture: &Picture, truth: &Truth) -> Option<f64> {
-        let raw = measure::relative_rmse(picture, &truth.picture)?;
-        Some((raw * raw - truth.error * truth.error).max(0.0).sqrt())
-    }
-
-    /// FLIP of what a viewer would see.
-    fn flip(&self, a: &Picture, b: &Picture) -> f64 {
-        let gain = self.image.exposure.exp2() as f32;
-        let shown = |p: &Picture| {
-            let rgba = p.rgba.iter().map(|&[r, g, b, a]| [r * gain, g * gain, b * gain, a]).collect();
-            Picture { rgba, ..*p }
-        };
-        flip::display(&shown(a), &shown(b)).map_or(f64::NAN, |f| f.mean)
     }
 }
 
@@ -145,7 +81,7 @@ fn fields(own: u32) -> Vec<Visibility> {
     let pyramid = |ratio, directions| Visibility { ratio, directions, ..Visibility::default() };
     let march = |ratio, directions| Visibility { method: Method::March, ratio, directions, ..Visibility::default() };
     let (finer, coarser) = ((own / 2).max(1), (own * 2).min(8));
-    let mut list = vec![sweep(own, 2, 128), pyramid(own, 64), march(own, 64), sweep(finer, 2, 128), sweep(coarser, 2, 128)];
+    let mut list = vec![sweep(own, 2, 128), sweep(finer, 2, 128), pyramid(own, 64), march(own, 64), sweep(coarser, 2, 128)];
     list.extend([pyramid(coarser, 64), pyramid(finer, 64), sweep(finer, 4, 256), pyramid(own, 400), march(coarser, 400)]);
     if finer > 1 {
         list.push(sweep(1, 2, 128));
@@ -163,17 +99,11 @@ fn fields(own: u32) -> Vec<Visibility> {
 pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<Truth> {
     let (picture, how, error) = frames.judge((0.5 * clock.left(UNTIL[0])).max(SURE * clock.share), clock)?;
     let truth = Truth { picture, how, error };
-    let (dense, dense_name) = frames.dense(clock.left(UNTIL[0]), cost, clock)?;
     report.image_reference.clone_from(&truth.how);
     report.image_reference_error = truth.error;
-    report.dense_field = dense_name;
     report.pixels = [frames.image.width, frames.image.height];
-    for bands in 1..=4 {
-        let (picture, _) = frames.picture(&frames.lit(&dense, bands)?, &frames.exact(), clock)?;
-        if let Some(rmse) = frames.rmse(&picture, &truth).filter(|e| *e > 0.0) {
-            report.levels.push(Level { bands: bands as u32, rmse });
-        }
-    }
+    let allowed = clock.left(UNTIL[0]).max(0.5 * SURE * clock.share);
+    frames.floors(&truth, allowed, cost, clock, report)?;
     let mut late = Vec::new();
     for (i, v) in fields(frames.subject.ratio).into_iter().enumerate() {
         if i >= FIRST && cost(&v) > clock.left(UNTIL[1]) {
@@ -188,7 +118,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
             let image = ImageSettings { step, ..frames.image };
             let (picture, runs) = frames.frame(&lit, &image, clock)?;
             let (frame, spread) = median(runs);
-            let Some(rmse) = frames.rmse(&picture, &truth) else { continue };
+            let Some((rmse, interval)) = frames.rmse(&picture, &truth) else { continue };
             report.frames.push(FramePoint {
                 name: format!("{} at 1:{}", candidates::name(&v), v.ratio),
                 ratio: v.ratio,
@@ -198,6 +128,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
                 seconds: frame,
                 spread,
                 rmse,
+                interval,
                 flip: frames.flip(&picture, &truth.picture),
                 front: false,
                 visibility: v.clone(),
@@ -249,18 +180,10 @@ pub fn pairs(frames: &Frames, truth: &Truth, clock: &mut Clock, report: &mut Sub
             let v = Visibility { bits: 8, ..point.visibility.clone() };
             let (field, seconds) = frames.field(&v, clock)?;
             let (picture, _) = frames.picture(&frames.lit(&field, 4)?, &frames.exact(), clock)?;
-            let rmse = frames.rmse(&picture, truth).unwrap_or(0.0);
+            let (rmse, _) = frames.rmse(&picture, truth).unwrap_or_default();
             let title = format!("{}: field {seconds:.2} s, field error {:.3}, image relative RMSE {rmse:.4}", point.name, point.error);
             shown.push(Shown { group: group.into(), title, difference: Some(difference(&picture, &truth.picture)), picture });
         }
     }
     Ok(shown)
-}
-
-/// |a − b| of the mean of R, G, B, in units of the mean of `b` where it covers.
-fn difference(a: &Picture, b: &Picture) -> Vec<f32> {
-    let grey = |p: &[f32; 4]| (p[0] + p[1] + p[2]) / 3.0;
-    let covered: Vec<f32> = b.rgba.iter().filter(|p| p[3] > 0.0).map(grey).collect();
-    let mean = (covered.iter().map(|&v| f64::from(v)).sum::<f64>() / covered.len().max(1) as f64).max(1e-9) as f32;
-    a.rgba.iter().zip(&b.rgba).map(|(a, b)| (grey(a) - grey(b)).abs() / mean).collect()
 }

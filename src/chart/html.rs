@@ -1,10 +1,8 @@
 //! `report.html`: everything in one file that needs no network.
 
-use super::plot::number;
-use super::savings::time;
-use super::svg::escape;
-use super::{Report, Shown, SubjectReport, Timing, raster};
-use super::{field_error_svg, frame_error_svg, savings_svg};
+use super::axis::number;
+use super::bars::time;
+use super::{Figure, Report, Shown, StabilityRow, SubjectReport, Timing, figures, raster};
 use crate::error::Result;
 use crate::record::Machine;
 use base64::Engine as _;
@@ -18,6 +16,7 @@ const STYLE: &str = include_str!("report.css");
 /// # Errors
 /// [`crate::Error::Invalid`] for a picture that cannot be drawn.
 pub fn report_html(report: &Report, machine: &Machine) -> Result<String> {
+    let [field_error, packing, frame_error, savings] = figures(report);
     let names: Vec<&str> = report.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut out = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -39,19 +38,20 @@ pub fn report_html(report: &Report, machine: &Machine) -> Result<String> {
         report.budget
     );
     section(&mut out, "Field error", FIELD_TEXT);
-    figure(&mut out, &field_error_svg(report));
+    figure(&mut out, &field_error, "Field error against time")?;
+    section(&mut out, "Bands and bits", PACKING_TEXT);
+    figure(&mut out, &packing, "Field error against memory")?;
     section(&mut out, "Image error", IMAGE_TEXT);
-    figure(&mut out, &frame_error_svg(report));
+    figure(&mut out, &frame_error, "Image error against frame time")?;
     section(&mut out, "Side by side", PAIR_TEXT);
     for s in &report.subjects {
         pictures(&mut out, s)?;
     }
     section(&mut out, "Savings", "");
-    figure(&mut out, &savings_svg(report));
+    figure(&mut out, &savings, "What each saving brings")?;
     if !report.stability.is_empty() {
         section(&mut out, "Where methods fail", STABILITY_TEXT);
-        let rows = report.stability.iter().map(|r| [&r.method, &r.case, &r.error, &r.verdict].map(|t| escape(t)).into());
-        table(&mut out, &["method", "case", "measured", "verdict"], "", rows);
+        hard_scenes(&mut out, report);
     }
     section(&mut out, "All points", "");
     for s in &report.subjects {
@@ -71,14 +71,35 @@ const FIELD_TEXT: &str = "How far the coefficients of each estimator are from th
     against the device time of the whole field. Bars are 95 % intervals (bootstrap over cells). Fewer directions are faster, and only so \
     far worse: what stays is the estimator’s bias.";
 
+const PACKING_TEXT: &str = "What a cell’s memory buys: more bands, or more bits for each of their coefficients. Where 8, 16 and 32 bits lie at one \
+    height, the estimator is what errs.";
+
 const IMAGE_TEXT: &str = "How far pictures are from the reference picture (path-traced single scattering without harmonics, its own noise \
-    taken off in quadrature), against the device time of a frame; the field is computed once and is not in it. A dashed line is the \
-    densest field that the time allowed, seen through so many bands: below it only more bands or a still finer field lead.";
+    taken off in quadrature), against the device time of a frame; the field is computed once and is not in it. A dashed line is what so \
+    many bands leave of the error when the field is exact (“SH-exact”: the reference picture under the light cut to them). A frame may lie below it only \
+    where its other errors make up for it.";
 
 const PAIR_TEXT: &str = "Ritschel’s pyramid and the sweep at about the same time, and at about the same error; below each picture its \
     difference from the reference, dark for none, yellow for half of the mean radiance or more.";
 
 const STABILITY_TEXT: &str = "Scenes made to break estimators, and what they do there.";
+
+/// What fails at once, the rest at a click: there are some hundred rows.
+fn hard_scenes(out: &mut String, report: &Report) {
+    let (holds, fails): (Vec<_>, Vec<_>) = report.stability.iter().partition(|r| r.verdict.starts_with("holds"));
+    let head = ["method", "case", "measured", "verdict"];
+    let row = |r: &&StabilityRow| [&r.method, &r.case, &r.error, &r.verdict].map(|t| escape(t)).into();
+    out.push_str("<div class=\"prose\">");
+    table(
+        out,
+        &head,
+        &format!("{} of {} rows: beyond the bound of good methods", fails.len(), report.stability.len()),
+        fails.iter().map(row),
+    );
+    let _ = writeln!(out, "<details><summary>The {} rows that hold</summary>", holds.len());
+    table(out, &head, "", holds.iter().map(row));
+    out.push_str("</details></div>\n");
+}
 
 fn section(out: &mut String, title: &str, text: &str) {
     let _ = writeln!(out, "<h2>{title}</h2>");
@@ -87,8 +108,24 @@ fn section(out: &mut String, title: &str, text: &str) {
     }
 }
 
-fn figure(out: &mut String, svg: &str) {
-    let _ = writeln!(out, "<figure>{svg}</figure>");
+fn figure(out: &mut String, figure: &Figure, label: &str) -> Result<()> {
+    let _ = writeln!(out, "<figure role=\"img\" aria-label=\"{label}; its numbers are in the tables below\">{}</figure>", figure.svg()?);
+    Ok(())
+}
+
+/// Text for the inside of an element or an attribute.
+fn escape(text: &str) -> String {
+    let mut out = String::new();
+    for c in crate::error::escaped(text) {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            c => out.push(c),
+        }
+    }
+    out
 }
 
 fn pictures(out: &mut String, s: &SubjectReport) -> Result<()> {
@@ -156,12 +193,12 @@ fn tables(out: &mut String, s: &SubjectReport) {
             time(p.field_seconds),
             time(p.relight_seconds),
             time(p.seconds),
-            format!("{:.4}", p.rmse),
+            format!("{:.4} <small>[{:.4}, {:.4}]</small>", p.rmse, p.interval[0], p.interval[1]),
             format!("{:.4}", p.flip),
         ]
     });
     let note = format!("pictures of {}×{} pixels against {}", s.pixels[0], s.pixels[1], escape(&s.image_reference));
-    table(out, &["field of the frame", "viewing step", "field", "relight", "frame", "relative RMSE", "FLIP"], &note, frames);
+    table(out, &["field of the frame", "viewing step", "field", "relight", "frame", "relative RMSE [95 %]", "FLIP"], &note, frames);
 }
 
 fn table(out: &mut String, head: &[&str], caption: &str, rows: impl Iterator<Item = Vec<String>>) {

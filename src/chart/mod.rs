@@ -4,26 +4,29 @@
 //! reference picture. Cheap fields are computed whole; of dear ones only cells drawn at random are, and their time is
 //! extrapolated, which every output says. What the budget did not reach is listed.
 
+mod axis;
+mod bars;
 pub mod candidates;
+mod canvas;
 mod csv;
 mod field;
 mod figures;
 mod frame;
 mod histogram;
 mod html;
+mod judge;
+mod labels;
 pub mod pareto;
-pub mod plot;
+mod plot;
 mod raster;
+mod report;
 mod savings;
 mod series;
-mod svg;
 
 use crate::engine::{Engine, Progress};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, ImageSettings, Light, Matter, Picture, Sky, Visibility, Volume};
+use crate::scene::{Camera, ImageSettings, Light, Matter, Sky, Visibility, Volume};
 use crate::stability::Bound;
-use serde::Serialize;
-use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -31,9 +34,7 @@ pub use csv::points_csv;
 pub use figures::record;
 pub use histogram::histogram_svg;
 pub use html::report_html;
-pub use raster::png;
-pub use savings::savings_svg;
-pub use series::{field_error_svg, frame_error_svg};
+pub use report::{FieldPoint, FramePoint, Level, Reference, Report, Saving, Shown, StabilityRow, SubjectReport, Timing};
 
 /// What is measured on: one scene, in host memory.
 pub struct Subject {
@@ -68,201 +69,56 @@ pub struct Options {
 
 impl Options {
     /// Under ten minutes on two cores.
-    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 320 * 240 };
+    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 240 * 180 };
 
     /// Under one minute on two cores.
     pub const QUICK: Self = Self { seconds: 48.0, probes: 192, pixels: 160 * 120 };
 }
 
-/// Where a time comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Timing {
-    /// The whole field was computed.
-    Whole,
-    /// Cells drawn at random were; their time was multiplied.
-    Extrapolated,
+/// A chart of a report.
+pub struct Figure<'a> {
+    /// Its file's stem.
+    pub name: &'static str,
+    drawing: Drawing<'a>,
 }
 
-impl Timing {
-    /// In a table.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Whole => "whole",
-            Self::Extrapolated => "extrapolated",
+enum Drawing<'a> {
+    Scatter(plot::Chart),
+    Bars(bars::Bars<'a>),
+}
+
+impl Figure<'_> {
+    /// As an SVG document.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] with what the drawing library says.
+    pub fn svg(&self) -> Result<String> {
+        match &self.drawing {
+            Drawing::Scatter(chart) => canvas::svg(chart),
+            Drawing::Bars(bars) => canvas::svg(bars),
+        }
+    }
+
+    /// The same as a PNG file.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] with what the drawing library says.
+    pub fn png(&self) -> Result<Vec<u8>> {
+        match &self.drawing {
+            Drawing::Scatter(chart) => canvas::png(chart),
+            Drawing::Bars(bars) => canvas::png(bars),
         }
     }
 }
 
-/// An estimator's settings at one ratio: what its field costs and how wrong it is.
-#[derive(Clone, Debug, Serialize)]
-pub struct FieldPoint {
-    /// Settings in words.
-    pub name: String,
-    /// Voxels per field cell along each axis.
-    pub ratio: u32,
-    /// All settings, by their names in a scene.
-    pub settings: BTreeMap<String, serde_json::Value>,
-    /// Device seconds of the whole field (wall seconds where the device keeps no time).
-    pub seconds: f64,
-    /// Least and most of three runs, where there was time for three; `seconds` is then their median.
-    pub spread: Option<[f64; 2]>,
-    /// Whether they were measured whole.
-    pub timing: Timing,
-    /// Relative L2 over probes and 16 coefficients, before packing.
-    pub error: f64,
-    /// Its 95 % interval.
-    pub interval: [f64; 2],
-    /// The same after packing to 16 and to 8 bits a coefficient.
-    pub packed: [f64; 2],
-    /// On the Pareto front of its ratio.
-    pub front: bool,
-    /// The settings themselves.
-    #[serde(skip)]
-    pub visibility: Visibility,
-}
-
-/// The dense reference at one ratio.
-#[derive(Clone, Debug, Serialize)]
-pub struct Reference {
-    /// Voxels per field cell along each axis.
-    pub ratio: u32,
-    /// Cells that errors are measured at.
-    pub probes: usize,
-    /// Directions per cell.
-    pub directions: u32,
-    /// Step, voxels.
-    pub step: f32,
-    /// Device seconds at these cells.
-    pub seconds: f64,
-}
-
-/// A picture: what it costs and how far it is from the reference picture.
-#[derive(Clone, Debug, Serialize)]
-pub struct FramePoint {
-    /// Its field in words.
-    pub name: String,
-    /// Voxels per field cell along each axis.
-    pub ratio: u32,
-    /// Step of the viewing rays, voxels.
-    pub step: f64,
-    /// Device seconds of its field.
-    pub field_seconds: f64,
-    /// Device seconds of putting the field under the light.
-    pub relight_seconds: f64,
-    /// Device seconds of the frame, median of three.
-    pub seconds: f64,
-    /// Least and most of the three.
-    pub spread: Option<[f64; 2]>,
-    /// Relative RMSE over the pixels that the volume covers, the reference's own noise taken off in quadrature.
-    pub rmse: f64,
-    /// Mean FLIP of the pictures as they are shown, exposed and clamped.
-    pub flip: f64,
-    /// On the Pareto front of time and error.
-    pub front: bool,
-    /// The field's settings.
-    #[serde(skip)]
-    pub visibility: Visibility,
-}
-
-/// The error that no finer field of so many bands removes: that of the dense field.
-#[derive(Clone, Debug, Serialize)]
-pub struct Level {
-    /// Bands of the light.
-    pub bands: u32,
-    /// Relative RMSE against the reference picture, as a frame's.
-    pub rmse: f64,
-}
-
-/// One saving: the same with and without it.
-#[derive(Clone, Debug, Serialize)]
-pub struct Saving {
-    /// What is saved at.
-    pub name: String,
-    /// "field", "relight" or "frame": what the seconds are of.
-    pub of: &'static str,
-    /// Device seconds without it.
-    pub before: f64,
-    /// Device seconds with it.
-    pub after: f64,
-    /// Runs of each, in turns; the seconds are medians.
-    pub rounds: usize,
-    /// Relative RMSE of the picture with it against the picture without it.
-    pub rmse: f64,
-}
-
-/// A picture of the report.
-pub struct Shown {
-    /// Pictures of one group stand side by side.
-    pub group: String,
-    /// Below it.
-    pub title: String,
-    /// The picture.
-    pub picture: Picture,
-    /// Per pixel, |difference from the reference| over its mean.
-    pub difference: Option<Vec<f32>>,
-}
-
-/// All that was measured on one subject.
-#[derive(Serialize)]
-pub struct SubjectReport {
-    /// The subject's name.
-    pub name: String,
-    /// Voxels along x, y, z.
-    pub dims: [usize; 3],
-    /// Its ratio.
-    pub ratio: u32,
-    /// What errors are against.
-    pub references: Vec<Reference>,
-    /// Fields.
-    pub fields: Vec<FieldPoint>,
-    /// What pictures are judged against.
-    pub image_reference: String,
-    /// Its own relative standard error.
-    pub image_reference_error: f64,
-    /// The densest field that was affordable.
-    pub dense_field: String,
-    /// Width and height of the pictures.
-    pub pixels: [usize; 2],
-    /// Frames.
-    pub frames: Vec<FramePoint>,
-    /// What more bands would bring.
-    pub levels: Vec<Level>,
-    /// Before and after.
-    pub savings: Vec<Saving>,
-    /// Pictures side by side.
-    #[serde(skip)]
-    pub shown: Vec<Shown>,
-    /// Exposure of its pictures, stops.
-    pub exposure: f64,
-    /// What the budget did not reach: in words, with why.
-    pub left_out: Vec<String>,
-}
-
-/// A whole run.
-#[derive(Serialize)]
-pub struct Report {
-    /// Wall seconds that were allowed.
-    pub budget: f64,
-    /// Wall seconds that it took.
-    pub seconds: f64,
-    /// One per subject.
-    pub subjects: Vec<SubjectReport>,
-    /// Scenes made to break estimators, where somebody ran them.
-    pub stability: Vec<StabilityRow>,
-}
-
-/// What a method does in a scene that is made to break it.
-#[derive(Clone, Debug, Serialize)]
-pub struct StabilityRow {
-    /// Estimator and settings.
-    pub method: String,
-    /// The scene.
-    pub case: String,
-    /// What was measured, and the figure.
-    pub error: String,
-    /// Within its bound, or how it fails.
-    pub verdict: String,
+/// All charts of a report: `field_error`, `packing`, `frame_error`, `savings`.
+pub fn figures(report: &Report) -> [Figure<'_>; 4] {
+    [
+        Figure { name: "field_error", drawing: Drawing::Scatter(series::field_error(report)) },
+        Figure { name: "packing", drawing: Drawing::Scatter(series::packing(report)) },
+        Figure { name: "frame_error", drawing: Drawing::Scatter(series::frame_error(report)) },
+        Figure { name: "savings", drawing: Drawing::Bars(bars::Bars::of(report)) },
+    ]
 }
 
 /// Measures every subject within the budget.
@@ -293,7 +149,7 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
         fields: Vec::new(),
         image_reference: String::new(),
         image_reference_error: 0.0,
-        dense_field: String::new(),
+        floor: String::new(),
         pixels: [0; 2],
         frames: Vec::new(),
         levels: Vec::new(),
@@ -326,7 +182,10 @@ pub fn stability(engine: &Engine, progress: &mut Progress) -> Result<Vec<Stabili
     let row = |row: &crate::stability::Row| StabilityRow {
         method: row.method.clone(),
         case: row.case.into(),
-        error: format!("{}: {:.3e}", row.what, row.value),
+        error: match row.value.abs() {
+            v if v == 0.0 || (1e-4..1e5).contains(&v) => format!("{}: {}", row.what, axis::number(row.value)),
+            _ => format!("{}: {:.2e}", row.what, row.value),
+        },
         verdict: verdict(row),
     };
     Ok(crate::stability::run(engine, progress)?.iter().map(row).collect())

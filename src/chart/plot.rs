@@ -1,8 +1,13 @@
 //! Scatter charts on logarithmic axes: small multiples that share their axes, marks by colour and shape, error bars, the
 //! Pareto front, levels.
 
-use super::svg::{self, Anchor, GRID, GROUND, INK, MUTED, Svg};
-use std::fmt::Write as _;
+use super::axis::{Axis, number};
+use super::canvas::{self, Canvas, Draw, Drawn, GRID, GROUND, INK, MUTED, WIDTH};
+use super::labels;
+use plotters::coord::Shift;
+use plotters::element::ComposedElement;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Shapes that stay apart without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,10 +31,8 @@ pub enum Shape {
 pub struct Style {
     /// In the legend.
     pub name: String,
-    /// Class, for a page that overrides the colour.
-    pub class: &'static str,
-    /// On a light ground.
-    pub color: &'static str,
+    /// Its colour.
+    pub color: RGBColor,
     /// Its mark.
     pub shape: Shape,
 }
@@ -49,8 +52,6 @@ pub struct Mark {
     pub front: bool,
     /// Beside the mark, where there is room and it is on the front.
     pub label: String,
-    /// Shown by a browser under the pointer.
-    pub title: String,
 }
 
 /// One small multiple.
@@ -87,317 +88,233 @@ pub struct Chart {
     pub columns: usize,
 }
 
-const WIDTH: f64 = 1080.0;
-const LEFT: f64 = 74.0;
-const RIGHT: f64 = 18.0;
-const GAP: f64 = 22.0;
-const LABEL: f64 = 11.0;
+/// Units: the legend's left edge, a line of it, size of its text, of an axis's numbers, width of the room for those.
+const LEFT: f64 = 18.0;
+const LINE: f64 = 20.0;
+const TEXT: f64 = 12.0;
+pub(super) const SMALL: f64 = 11.0;
+const NUMBERS: f64 = 68.0;
 
-/// A logarithmic axis over `lo..hi`, on the pixels `from..to`.
-#[derive(Clone, Copy)]
-struct Axis {
-    lo: f64,
-    hi: f64,
-    from: f64,
-    to: f64,
-}
+const FRONT: &str = "Pareto front: nothing is better in both";
 
-impl Axis {
-    /// Around positive values, with some room on both sides.
-    fn around(values: impl Iterator<Item = f64>) -> Self {
-        let (lo, hi) = values.filter(|v| v.is_finite() && *v > 0.0).fold((f64::INFINITY, 0f64), |(lo, hi), v| (lo.min(v), hi.max(v)));
-        let (lo, hi) = if lo <= hi { (lo, hi) } else { (0.1, 1.0) };
-        let room = (0.06 * (hi / lo).log10()).max(0.12);
-        Self { lo: lo * 10f64.powf(-room), hi: hi * 10f64.powf(room), from: 0.0, to: 1.0 }
+impl Draw for Chart {
+    fn height(&self) -> f64 {
+        self.head() + self.rows() as f64 * self.panel_height() + 8.0
     }
 
-    fn on(self, from: f64, to: f64) -> Self {
-        Self { from, to, ..self }
-    }
-
-    fn at(&self, v: f64) -> f64 {
-        let t = (v.max(self.lo * 0.5) / self.lo).log10() / (self.hi / self.lo).log10();
-        self.from + t.min(1.5) * (self.to - self.from)
-    }
-
-    /// Values of the grid's lines, and whether each is written.
-    fn ticks(&self) -> Vec<(f64, bool)> {
-        let decades = (self.hi / self.lo).log10();
-        let named: &[f64] = match decades {
-            d if d < 0.8 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0],
-            d if d < 2.2 => &[1.0, 2.0, 5.0],
-            _ => &[1.0],
-        };
-        let mut ticks = Vec::new();
-        for decade in self.lo.log10().floor() as i32..=self.hi.log10().ceil() as i32 {
-            for m in [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0] {
-                let v = m * 10f64.powi(decade);
-                if (m != 1.5 || named.contains(&1.5)) && v >= self.lo && v <= self.hi {
-                    ticks.push((v, named.contains(&m)));
-                }
-            }
-        }
-        ticks
-    }
-}
-
-/// A number as an axis says it: at most two digits that count.
-pub fn number(v: f64) -> String {
-    let digits = (1 - v.abs().max(1e-12).log10().floor() as i32).max(0) as usize;
-    let text = format!("{v:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
-
-/// The chart as SVG.
-pub fn draw(chart: &Chart) -> String {
-    let columns = chart.columns.clamp(1, chart.panels.len().max(1));
-    let rows = chart.panels.len().div_ceil(columns);
-    let inner = WIDTH - LEFT - RIGHT - GAP * (columns - 1) as f64;
-    let w = inner / columns as f64;
-    let h = if columns == 1 { 430.0 } else { (1.05 * w).clamp(300.0, 400.0) };
-    let legend = legend_rows(chart);
-    let top = 62.0 + 20.0 * legend.len() as f64;
-    let row_height = h + 66.0;
-    let height = top + rows as f64 * row_height + 14.0;
-    let mut svg = Svg::new(WIDTH, height);
-    svg.text([18.0, 27.0], 17.0, Anchor::Start, INK, &chart.title);
-    svg.text([18.0, 47.0], 12.0, Anchor::Start, MUTED, &chart.subtitle);
-    for (row, entries) in legend.iter().enumerate() {
-        let mut x = 18.0;
-        for (entry, width) in entries {
-            let y = 66.0 + 20.0 * row as f64;
+    fn draw<B: DrawingBackend>(&self, on: &Canvas<B>) -> Drawn<B> {
+        on.text([LEFT, 21.0], 17.0, HPos::Left, INK, &self.title)?;
+        on.text([LEFT, 43.0], TEXT, HPos::Left, MUTED, &self.subtitle)?;
+        for (entry, [x, y]) in self.legend() {
             match entry {
-                Entry::Style(style) => svg.raw(&mark(style, [x + 6.0, y], 5.2, false)),
-                Entry::Front => svg.polyline(&[[x, y + 4.0], [x + 8.0, y - 4.0], [x + 16.0, y - 4.0]], INK, 1.2),
-                Entry::Text(_) => {}
+                Entry::Series(style) => on.area.draw(&mark::<_, B>(on, style, (on.px(x + 6.0), on.px(y)), 5.2, false))?,
+                Entry::Front => {
+                    let corner = [[x, y + 4.0], [x + 8.0, y + 4.0], [x + 8.0, y - 4.0], [x + 16.0, y - 4.0]];
+                    on.area.draw(&PathElement::new(corner.map(|[x, y]| (on.px(x), on.px(y))), on.line(INK, 1.2)))?;
+                }
+                Entry::Note(_) => {}
             }
-            let (indent, text) = match entry {
-                Entry::Style(s) => (17.0, s.name.as_str()),
-                Entry::Front => (22.0, FRONT),
-                Entry::Text(t) => (0.0, t.as_str()),
-            };
-            svg.text([x + indent, y + 4.2], 12.0, Anchor::Start, INK, text);
-            x += width;
+            on.text([x + entry.indent(), y], TEXT, HPos::Left, INK, entry.text())?;
         }
-    }
-    let all = || chart.panels.iter().flat_map(|p| p.marks.iter());
-    let x_axis = Axis::around(all().map(|m| m.at[0]));
-    let levels = chart.panels.iter().flat_map(|p| p.levels.iter().map(|l| l.0));
-    let y_axis = Axis::around(all().flat_map(|m| [Some(m.at[1]), m.interval.map(|i| i[1])]).flatten().chain(levels));
-    for (i, panel) in chart.panels.iter().enumerate() {
-        let (column, row) = (i % columns, i / columns);
-        let x0 = LEFT + column as f64 * (w + GAP);
-        let y0 = top + row as f64 * row_height + 22.0;
-        let area = Area { x: x_axis.on(x0, x0 + w), y: y_axis.on(y0 + h, y0) };
-        svg.text([x0, y0 - 8.0], 13.0, Anchor::Start, INK, &panel.title);
-        grid(&mut svg, &area, column == 0, w);
-        if column == 0 {
-            svg.text_up([20.0, y0 + 0.5 * h], 12.0, INK, &chart.y);
+        let marks = || self.panels.iter().flat_map(|p| p.marks.iter());
+        let x = Axis::around(marks().map(|m| m.at[0]));
+        let levels = self.panels.iter().flat_map(|p| p.levels.iter().map(|l| l.0));
+        let y = Axis::around(marks().flat_map(|m| [Some(m.at[1]), m.interval.map(|i| i[1])]).flatten().chain(levels));
+        let (_, below) = on.area.split_vertically(on.px(self.head()));
+        let (body, _) = below.split_vertically(on.px(self.rows() as f64 * self.panel_height()));
+        for (panel, area) in self.panels.iter().zip(body.split_evenly((self.rows(), self.columns()))) {
+            self.panel(on, &area, panel, [x, y])?;
         }
-        svg.text([x0 + 0.5 * w, y0 + h + 37.0], 12.0, Anchor::Middle, INK, &chart.x);
-        content(&mut svg, chart, panel, &area);
-    }
-    svg.finish(&format!("{}. {}", chart.title, chart.subtitle))
-}
-
-struct Area {
-    x: Axis,
-    y: Axis,
-}
-
-impl Area {
-    fn at(&self, p: [f64; 2]) -> [f64; 2] {
-        [self.x.at(p[0]), self.y.at(p[1])]
+        Ok(())
     }
 }
 
+/// A line of the legend.
+#[derive(Clone, Copy)]
 enum Entry<'a> {
-    Style(&'a Style),
+    Series(&'a Style),
     Front,
-    Text(&'a String),
+    Note(&'a str),
 }
 
-const FRONT: &str = "Pareto front: nothing is both faster and closer";
-
-/// The legend's entries with their widths, in lines.
-fn legend_rows(chart: &Chart) -> Vec<Vec<(Entry<'_>, f64)>> {
-    let used = |i: &usize| chart.panels.iter().any(|p| p.marks.iter().any(|m| m.style == *i));
-    let styles = (0..chart.styles.len()).filter(used).map(|i| Entry::Style(&chart.styles[i]));
-    let front = chart.panels.iter().any(|p| p.marks.iter().any(|m| m.front)).then_some(Entry::Front);
-    let entries = styles.chain(front).chain(chart.notes.iter().map(Entry::Text));
-    let mut rows: Vec<Vec<(Entry<'_>, f64)>> = vec![Vec::new()];
-    let mut x = 0.0;
-    for entry in entries {
-        let width = match &entry {
-            Entry::Style(s) => 17.0 + svg::width(&s.name, 12.0),
-            Entry::Front => 22.0 + svg::width(FRONT, 12.0),
-            Entry::Text(t) => svg::width(t, 12.0),
-        } + 20.0;
-        if x + width > WIDTH - 36.0 && x > 0.0 {
-            rows.push(Vec::new());
-            x = 0.0;
-        }
-        x += width;
-        if let Some(row) = rows.last_mut() {
-            row.push((entry, width));
+impl<'a> Entry<'a> {
+    fn text(&self) -> &'a str {
+        match self {
+            Self::Series(style) => &style.name,
+            Self::Front => FRONT,
+            Self::Note(text) => text,
         }
     }
-    rows
+
+    fn indent(&self) -> f64 {
+        match self {
+            Self::Series(_) => 17.0,
+            Self::Front => 22.0,
+            Self::Note(_) => 0.0,
+        }
+    }
 }
 
-fn grid(svg: &mut Svg, area: &Area, first: bool, width: f64) {
-    let (x0, x1, y0, y1) = (area.x.from, area.x.to, area.y.from, area.y.to);
-    let mut last = f64::NEG_INFINITY;
-    for (v, named) in area.x.ticks() {
-        let x = area.x.at(v);
-        svg.line([x, y0], [x, y1], GRID, if named { 1.0 } else { 0.5 }, "");
-        let text = number(v);
-        let half = 0.5 * svg::width(&text, LABEL);
-        if named && x - half > last + 6.0 && x + half < x0 + width + GAP {
-            svg.text([x, y0 + 16.0], LABEL, Anchor::Middle, MUTED, &text);
-            last = x + half;
-        }
+impl Chart {
+    fn columns(&self) -> usize {
+        self.columns.clamp(1, self.panels.len().max(1))
     }
-    for (v, named) in area.y.ticks() {
-        let y = area.y.at(v);
-        svg.line([x0, y], [x1, y], GRID, if named { 1.0 } else { 0.5 }, "");
-        if named && first {
-            svg.text([x0 - 7.0, y + 4.0], LABEL, Anchor::End, MUTED, &number(v));
-        }
+
+    fn rows(&self) -> usize {
+        self.panels.len().div_ceil(self.columns())
     }
-    svg.line([x0, y0], [x1, y0], MUTED, 1.0, "");
-    svg.line([x0, y0], [x0, y1], MUTED, 1.0, "");
+
+    /// Units down to the first panel.
+    fn head(&self) -> f64 {
+        72.0 + self.legend().last().map_or(0.0, |(_, [_, y])| y - 56.0)
+    }
+
+    fn panel_width(&self) -> f64 {
+        WIDTH / self.columns() as f64
+    }
+
+    fn panel_height(&self) -> f64 {
+        if self.columns() == 1 { 500.0 } else { self.panel_width().clamp(340.0, 460.0) + 20.0 }
+    }
+
+    /// What occurs, and where it is explained.
+    fn legend(&self) -> Vec<(Entry<'_>, [f64; 2])> {
+        let marks = || self.panels.iter().flat_map(|p| p.marks.iter());
+        let series = self.styles.iter().enumerate().filter(|(i, _)| marks().any(|m| m.style == *i)).map(|(_, s)| Entry::Series(s));
+        let front = marks().any(|m| m.front).then_some(Entry::Front);
+        let (mut x, mut y) = (LEFT, 66.0);
+        let place = |entry: Entry<'_>| {
+            let width = entry.indent() + canvas::width(entry.text(), TEXT) + 20.0;
+            if x + width > WIDTH && x > LEFT {
+                (x, y) = (LEFT, y + LINE);
+            }
+            x += width;
+            [x - width, y]
+        };
+        let entries: Vec<Entry<'_>> = series.chain(front).chain(self.notes.iter().map(|n| Entry::Note(n))).collect();
+        let places: Vec<[f64; 2]> = entries.iter().copied().map(place).collect();
+        entries.into_iter().zip(places).collect()
+    }
+
+    fn panel<B: DrawingBackend>(&self, on: &Canvas<B>, area: &DrawingArea<B, Shift>, panel: &Panel, [x, y]: [Axis; 2]) -> Drawn<B> {
+        let title = on.font(13.0, INK).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw_text(&canvas::plain(&panel.title), &title, (on.px(NUMBERS), on.px(14.0) + on.sunk(13.0)))?;
+        let room = [self.panel_width() - NUMBERS - 14.0, self.panel_height() - 72.0];
+        let mut chart = ChartBuilder::on(area)
+            .margin_top(on.px(28.0))
+            .margin_left(on.px(10.0))
+            .margin_right(on.px(14.0))
+            .y_label_area_size(on.px(NUMBERS - 10.0))
+            .x_label_area_size(on.px(44.0))
+            .build_cartesian_2d(x.coordinate(room[0], 36.0), y.coordinate(room[1], 26.0))?;
+        chart
+            .configure_mesh()
+            .bold_line_style(on.line(GRID, 1.5))
+            .light_line_style(on.line(GRID, 0.5))
+            .axis_style(on.line(MUTED, 1.0))
+            .set_all_tick_mark_size(on.px(4.0))
+            .y_label_offset(on.sunk(SMALL))
+            .label_style(on.font(SMALL, MUTED))
+            .axis_desc_style(on.font(TEXT, INK))
+            .x_label_formatter(&|v| number(*v))
+            .y_label_formatter(&|v| number(*v))
+            .x_desc(&self.x)
+            .y_desc(&self.y)
+            .draw()?;
+        let at = |m: &Mark| (x.on(m.at[0]), y.on(m.at[1]));
+        let drawable = |m: &&Mark| m.at.iter().all(|v| v.is_finite() && *v > 0.0);
+        let shown: Vec<&Mark> = panel.marks.iter().filter(drawable).collect();
+        for chain in &panel.chains {
+            let line = chain.iter().filter_map(|&i| panel.marks.get(i)).filter(drawable).map(at);
+            chart.draw_series(LineSeries::new(line, on.line(MUTED, 0.7)))?;
+        }
+        let mut front: Vec<(f64, f64)> = shown.iter().filter(|m| m.front).map(|m| at(m)).collect();
+        front.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Between two of its points the front is the corner that both leave.
+        let steps = front.windows(2).flat_map(|w| [w[0], (w[1].0, w[0].1)]).chain(front.last().copied());
+        chart.draw_series(LineSeries::new(steps, on.line(INK, 1.2)))?;
+        for (level, _) in &panel.levels {
+            let ends = [(x.lo, y.on(*level)), (x.hi, y.on(*level))];
+            chart.draw_series(DashedLineSeries::new(ends, on.px(5.0), on.px(4.0), on.line(INK, 1.0)))?;
+        }
+        let styled = || shown.iter().filter_map(|m| self.styles.get(m.style).map(|s| (*m, s)));
+        chart.draw_series(styled().filter_map(|(m, s)| {
+            let [lo, hi] = m.interval?;
+            let (x, mid) = at(m);
+            Some(ErrorBar::new_vertical(x, y.on(lo), mid, y.on(hi), on.line(s.color, 1.2), on.px(6.0) as u32))
+        }))?;
+        chart.draw_series(styled().map(|(m, s)| mark(on, s, at(m), if m.front { 5.6 } else { 4.4 }, m.hollow)))?;
+        labels::draw(on, &chart, panel, &shown, [x, y])
+    }
 }
 
-fn content(svg: &mut Svg, chart: &Chart, panel: &Panel, area: &Area) {
-    let mut taken: Vec<[f64; 4]> = Vec::new();
-    for chain in &panel.chains {
-        let points: Vec<[f64; 2]> = chain.iter().filter_map(|&i| panel.marks.get(i)).map(|m| area.at(m.at)).collect();
-        svg.polyline(&points, MUTED, 0.7);
-    }
-    let mut front: Vec<[f64; 2]> = panel.marks.iter().filter(|m| m.front).map(|m| area.at(m.at)).collect();
-    front.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    // Between two of its points the front is the corner that both leave.
-    let steps: Vec<[f64; 2]> = front.windows(2).flat_map(|w| [w[0], [w[1][0], w[0][1]]]).chain(front.last().copied()).collect();
-    svg.polyline(&steps, INK, 1.2);
-    for m in &panel.marks {
-        let [x, y] = area.at(m.at);
-        if let (Some([lo, hi]), Some(style)) = (m.interval, chart.styles.get(m.style)) {
-            let color = (style.class, style.color);
-            svg.line([x, area.y.at(lo)], [x, area.y.at(hi)], color, 1.1, "");
-            for end in [lo, hi] {
-                svg.line([x - 3.0, area.y.at(end)], [x + 3.0, area.y.at(end)], color, 1.1, "");
+/// A series' mark at a point.
+fn mark<C, B: DrawingBackend>(on: &Canvas<B>, style: &Style, at: C, r: f64, hollow: bool) -> Marker<C, B> {
+    let outline: Vec<(i32, i32)> = style.shape.outline().iter().map(|p| (on.px(r * p[0]), on.px(r * p[1]))).collect();
+    let closed: Vec<(i32, i32)> = outline.iter().chain(outline.first()).copied().collect();
+    let (inside, edge) = if hollow { (GROUND, on.line(style.color, 1.6)) } else { (style.color, on.line(GROUND, 0.6)) };
+    EmptyElement::at(at) + Polygon::new(outline, inside.filled()) + PathElement::new(closed, edge)
+}
+
+type Marker<C, B> = ComposedElement<C, B, Polygon<(i32, i32)>, PathElement<(i32, i32)>>;
+
+impl Shape {
+    /// Corners about the origin, y down, of about radius 1.
+    fn outline(self) -> Vec<[f64; 2]> {
+        let (a, b) = (0.35, 1.05);
+        match self {
+            Self::Circle => (0..24).map(|i| (f64::from(i) * std::f64::consts::PI / 12.0).sin_cos()).map(|(s, c)| [s, c]).collect(),
+            Self::Up => vec![[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
+            Self::Down => vec![[0.0, 1.2], [1.1, -0.8], [-1.1, -0.8]],
+            Self::Diamond => vec![[0.0, -1.25], [1.1, 0.0], [0.0, 1.25], [-1.1, 0.0]],
+            Self::Square => vec![[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]],
+            Self::Cross => {
+                let arm = [[0.0, -a], [b - a, -b], [b, a - b]];
+                // Each quarter is the one before, turned.
+                let turned = |n: usize, [x, y]: [f64; 2]| (0..n).fold([x, y], |[x, y], _| [-y, x]);
+                (0..4).flat_map(|n| arm.map(|p| turned(n, p))).collect()
             }
         }
-        let bar = m.interval.map_or([y, y], |[lo, hi]| [area.y.at(hi), area.y.at(lo)]);
-        taken.push([x - 6.0, bar[0].min(y - 6.0), x + 6.0, bar[1].max(y + 6.0)]);
-    }
-    for m in &panel.marks {
-        if let Some(style) = chart.styles.get(m.style) {
-            let title = svg::escape(&m.title);
-            svg.raw(&format!("<g><title>{title}</title>{}</g>", mark(style, area.at(m.at), if m.front { 5.6 } else { 4.4 }, m.hollow)));
-        }
-    }
-    for (level, name) in &panel.levels {
-        let y = area.y.at(*level);
-        svg.line([area.x.from, y], [area.x.to, y], INK, 1.0, "5 4");
-        let width = svg::width(name, LABEL);
-        let right = area.x.to - 6.0;
-        let free = |y: f64| !taken.iter().any(|t| overlaps(t, &[right - width, y - 11.0, right, y + 2.0]));
-        let place = [y - 4.0, y + 13.0].into_iter().find(|y| free(*y)).unwrap_or(y - 4.0);
-        svg.text([right, place], LABEL, Anchor::End, INK, name);
-        taken.push([right - width, place - 11.0, right, place + 3.0]);
-    }
-    let mut labelled: Vec<&Mark> = panel.marks.iter().filter(|m| m.front && !m.label.is_empty()).collect();
-    labelled.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
-    for m in labelled {
-        let [x, y] = area.at(m.at);
-        let width = svg::width(&m.label, LABEL);
-        let places = [
-            (9.0, -7.0),
-            (9.0, 14.0),
-            (-9.0 - width, 14.0),
-            (-9.0 - width, -7.0),
-            (9.0, 4.0),
-            (-9.0 - width, 4.0),
-            (9.0, -20.0),
-            (-9.0 - width, 27.0),
-            (9.0, 27.0),
-        ];
-        let fits = |b: &[f64; 4]| {
-            b[0] > area.x.from + 2.0 && b[2] < area.x.to && b[1] > area.y.to && b[3] < area.y.from && !taken.iter().any(|t| overlaps(t, b))
-        };
-        let boxes = places.map(|(dx, dy)| [x + dx, y + dy - 10.0, x + dx + width, y + dy + 3.0]);
-        // Where there is no room, the pointer and the table still tell.
-        if let Some(b) = boxes.into_iter().find(|b| fits(b)) {
-            svg.text([b[0], b[3] - 3.0], LABEL, Anchor::Start, INK, &m.label);
-            taken.push(b);
-        }
-    }
-}
-
-fn overlaps(a: &[f64; 4], b: &[f64; 4]) -> bool {
-    a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
-}
-
-/// A series' mark around a point.
-pub fn mark(style: &Style, [x, y]: [f64; 2], r: f64, hollow: bool) -> String {
-    let polygon = |points: &[[f64; 2]]| {
-        let mut text = String::from("<polygon points=\"");
-        for p in points {
-            let _ = write!(text, "{:.1},{:.1} ", x + r * p[0], y + r * p[1]);
-        }
-        text + "\""
-    };
-    let (class, color) = (style.class, style.color);
-    let body = match style.shape {
-        Shape::Circle => format!(r#"<circle cx="{x:.1}" cy="{y:.1}" r="{r:.1}""#),
-        Shape::Up => polygon(&[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]]),
-        Shape::Down => polygon(&[[0.0, 1.2], [1.1, -0.8], [-1.1, -0.8]]),
-        Shape::Diamond => polygon(&[[0.0, -1.25], [1.1, 0.0], [0.0, 1.25], [-1.1, 0.0]]),
-        Shape::Square => polygon(&[[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]]),
-        Shape::Cross => {
-            let (a, b) = (0.35, 1.05);
-            polygon(&[
-                [0.0, -a],
-                [b - a, -b],
-                [b, a - b],
-                [a, 0.0],
-                [b, b - a],
-                [b - a, b],
-                [0.0, a],
-                [a - b, b],
-                [-b, b - a],
-                [-a, 0.0],
-                [-b, a - b],
-                [a - b, -b],
-            ])
-        }
-    };
-    match hollow {
-        true => format!(r#"{body} class="ground {class}-line" fill="{}" stroke="{color}" stroke-width="1.6"/>"#, GROUND.1),
-        false => format!(r#"{body} class="{class} ground-line" fill="{color}" stroke="{}" stroke-width="0.7"/>"#, GROUND.1),
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn numbers_on_axes_are_short() {
-        for (v, text) in [(0.01, "0.01"), (0.015, "0.015"), (1.0, "1"), (20.0, "20"), (100.0, "100"), (5000.0, "5000"), (0.2, "0.2")] {
-            assert_eq!(number(v), text);
-        }
+    fn chart(label: &str) -> Chart {
+        let style = Style { name: label.into(), color: RGBColor(0, 114, 178), shape: Shape::Cross };
+        let mark = |x: f64, y: f64, front: bool| Mark {
+            style: 0,
+            at: [x, y],
+            interval: Some([0.8 * y, 1.3 * y]),
+            hollow: !front,
+            front,
+            label: label.into(),
+        };
+        let marks = vec![mark(0.1, 0.5, true), mark(1.0, 0.1, true), mark(2.0, 0.3, false), mark(f64::NAN, 0.0, true)];
+        let panel = Panel { title: "σ ≤ ¼".into(), marks, levels: vec![(0.05, "floor".into())], chains: vec![vec![0, 2, 9]] };
+        let [title, subtitle, x, y] = ["t", "s", "x", "y"].map(String::from);
+        Chart { title, subtitle, x, y, styles: vec![style], notes: Vec::new(), panels: vec![panel.clone(), panel], columns: 2 }
     }
 
     #[test]
-    fn an_axis_is_logarithmic_and_holds_its_values() {
-        let axis = Axis::around([0.01, 1.0, f64::NAN, 0.0].into_iter()).on(0.0, 100.0);
-        let (a, b, c) = (axis.at(0.01), axis.at(0.1), axis.at(1.0));
-        assert!(a > 0.0 && c < 100.0 && ((b - a) - (c - b)).abs() < 1e-9);
-        assert!(axis.ticks().iter().any(|t| t.1));
-        // Nothing to show, or all the same: still an axis.
-        assert!(Axis::around([].into_iter()).ticks().len() > 1 && !Axis::around([3.0].into_iter()).ticks().is_empty());
+    fn both_backends_draw_the_same_chart() {
+        let (svg, png) = (canvas::svg(&chart("a <b> & \"c\"")).unwrap(), canvas::png(&chart("a")).unwrap());
+        // Escaped, whole, and nothing that is no number.
+        assert!(svg.contains("a &lt;b&gt; &amp; &quot;c&quot;") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
+        // Per panel: two labels on the front and one floor; and the legend's.
+        assert_eq!((svg.matches("a &lt;b").count(), svg.matches("floor").count()), (5, 2));
+        let info = png::Decoder::new(std::io::Cursor::new(&png)).read_info().unwrap().info().clone();
+        assert!(svg.contains(&format!("viewBox=\"0 0 {} {}\"", info.width, info.height)));
+        // A sabotage: without its label the picture is another.
+        assert_ne!(png, canvas::png(&chart("")).unwrap());
+    }
+
+    #[test]
+    fn an_empty_chart_is_drawn() {
+        let empty = Chart { panels: Vec::new(), ..chart("a") };
+        assert!(canvas::svg(&empty).is_ok() && canvas::png(&empty).is_ok());
     }
 }

@@ -1,8 +1,7 @@
 //! What each saving brings: the same work with and without it, and how far the picture moves.
 
 use super::frame::Frames;
-use super::svg::{Anchor, GRID, INK, MUTED, Svg};
-use super::{Clock, Report, Saving, SubjectReport, median, plot, seconds, timed};
+use super::{Clock, Saving, SubjectReport, median, seconds, timed};
 use crate::engine::Field;
 use crate::error::Result;
 use crate::measure;
@@ -131,56 +130,6 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
     Ok(())
 }
 
-/// Before and after as bars, each pair scaled to its longer bar.
-pub fn savings_svg(report: &Report) -> String {
-    const WIDTH: f64 = 1080.0;
-    const ROW: f64 = 46.0;
-    let (left, right) = (400.0, WIDTH - 190.0);
-    let rows: usize = report.subjects.iter().map(|s| s.savings.len()).sum();
-    let titles = report.subjects.iter().filter(|s| !s.savings.is_empty()).count();
-    let mut svg = Svg::new(WIDTH, 84.0 + ROW * rows as f64 + 30.0 * titles as f64);
-    svg.text([18.0, 27.0], 17.0, Anchor::Start, INK, "What each saving brings");
-    let subtitle =
-        "device time without it (grey) and with it (green), each pair to its own scale; right: how far the picture moves, as relative RMSE";
-    svg.text([18.0, 47.0], 12.0, Anchor::Start, MUTED, subtitle);
-    let mut y = 60.0;
-    for s in report.subjects.iter().filter(|s| !s.savings.is_empty()) {
-        y += 20.0;
-        svg.text([18.0, y], 13.0, Anchor::Start, INK, &s.name);
-        y += 10.0;
-        for saving in &s.savings {
-            let longest = saving.before.max(saving.after).max(1e-12);
-            svg.line([18.0, y], [WIDTH - 18.0, y], GRID, 1.0, "");
-            svg.text([left - 14.0, y + 27.0], 12.0, Anchor::End, INK, &format!("{}, {}", saving.of, saving.name));
-            for (i, (value, style)) in
-                [(saving.before, ("bar-before", "#aab2ba")), (saving.after, ("bar-after", "#009e73"))].into_iter().enumerate()
-            {
-                let top = y + 6.0 + 18.0 * i as f64;
-                let length = (0.8 * (right - left) * value / longest).max(1.0);
-                svg.rect([left, top, length, 15.0], style);
-                svg.text([left + length + 6.0, top + 12.0], 11.0, Anchor::Start, INK, &time(value));
-            }
-            let times = saving.before / saving.after.max(1e-12);
-            svg.text([right + 10.0, y + 20.0], 12.0, Anchor::Start, INK, &format!("{times:.2} times as fast"));
-            let moved = if saving.rmse == 0.0 { "the same picture".to_owned() } else { format!("RMSE {}", plot::number(saving.rmse)) };
-            svg.text([right + 10.0, y + 36.0], 11.0, Anchor::Start, MUTED, &moved);
-            y += ROW;
-        }
-    }
-    svg.finish("What each saving brings")
-}
-
-/// Seconds for people.
-pub fn time(s: f64) -> String {
-    match s {
-        s if s >= 10.0 => format!("{s:.0} s"),
-        s if s >= 1.0 => format!("{s:.2} s"),
-        s if s >= 0.1 => format!("{:.0} ms", 1e3 * s),
-        s if s >= 1e-3 => format!("{:.1} ms", 1e3 * s),
-        s => format!("{:.0} µs", 1e6 * s),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -192,13 +141,6 @@ mod tests {
                 assert!(row.before != row.after && row.before.field.check().is_ok() && row.after.field.check().is_ok(), "{}", row.name);
                 assert!(["field", "relight", "frame"].contains(&row.of));
             }
-        }
-    }
-
-    #[test]
-    fn times_read_well() {
-        for (s, text) in [(12.3, "12 s"), (1.5, "1.50 s"), (0.25, "250 ms"), (0.0012, "1.2 ms"), (5e-5, "50 µs")] {
-            assert_eq!(time(s), text);
         }
     }
 }

@@ -1,21 +1,27 @@
 //! From measured points to charts: which series a setting belongs to, what a mark says.
 
+use super::axis::number;
 use super::candidates;
-use super::plot::{self, Chart, Mark, Panel, Shape, Style};
-use super::{FieldPoint, FramePoint, Report, SubjectReport, Timing};
+use super::plot::{Chart, Mark, Panel, Shape, Style};
+use super::{FieldPoint, FramePoint, Report, SubjectReport, Timing, pareto};
 use crate::scene::Visibility;
 use crate::scene::visibility::{Filter, Method};
+use crate::stages::pack;
+use plotters::style::RGBColor;
 
 /// The series, in the legend's order.
 pub fn styles() -> Vec<Style> {
-    let style = |name: &str, class, color, shape| Style { name: name.into(), class, color, shape };
+    let style = |name: &str, color: u32, shape| {
+        let [_, r, g, b] = color.to_be_bytes();
+        Style { name: name.into(), color: RGBColor(r, g, b), shape }
+    };
     vec![
-        style("march", "s-march", "#0072b2", Shape::Circle),
-        style("hierarchical, axis", "s-axis", "#d55e00", Shape::Up),
-        style("hierarchical, product", "s-product", "#b8558c", Shape::Down),
-        style("hierarchical, extinction", "s-extinction", "#c88a00", Shape::Diamond),
-        style("hierarchical, box", "s-box", "#7a828b", Shape::Cross),
-        style("sweep", "s-sweep", "#009e73", Shape::Square),
+        style("march", 0x0072b2, Shape::Circle),
+        style("hierarchical, axis", 0xd55e00, Shape::Up),
+        style("hierarchical, product", 0xb8558c, Shape::Down),
+        style("hierarchical, extinction", 0xc88a00, Shape::Diamond),
+        style("hierarchical, box", 0x7a828b, Shape::Cross),
+        style("sweep", 0x009e73, Shape::Square),
     ]
 }
 
@@ -32,7 +38,6 @@ pub fn style_of(v: &Visibility) -> usize {
 }
 
 fn field_mark(p: &FieldPoint) -> Mark {
-    let how = if p.timing == Timing::Whole { "" } else { ", extrapolated" };
     Mark {
         style: style_of(&p.visibility),
         at: [p.seconds, p.error],
@@ -40,10 +45,6 @@ fn field_mark(p: &FieldPoint) -> Mark {
         hollow: p.timing == Timing::Extrapolated,
         front: p.front,
         label: candidates::short(&p.visibility),
-        title: format!(
-            "{}: {:.3} s{how}, error {:.4} [{:.4}, {:.4}], {:.4} in 8 bits",
-            p.name, p.seconds, p.error, p.interval[0], p.interval[1], p.packed[1]
-        ),
     }
 }
 
@@ -56,7 +57,7 @@ fn ratios(s: &SubjectReport) -> Vec<u32> {
 }
 
 /// Time against field error: one panel per subject and ratio.
-pub fn field_error_svg(report: &Report) -> String {
+pub fn field_error(report: &Report) -> Chart {
     let mut panels = Vec::new();
     for s in &report.subjects {
         for ratio in ratios(s) {
@@ -67,7 +68,7 @@ pub fn field_error_svg(report: &Report) -> String {
     }
     let hollow = panels.iter().any(|p| p.marks.iter().any(|m| m.hollow));
     let columns = report.subjects.iter().map(|s| ratios(s).len()).max().unwrap_or(1);
-    plot::draw(&Chart {
+    Chart {
         title: "Field error against time".into(),
         subtitle:
             "relative L2 over 16 coefficients at cells near matter, against march with 4,096 directions and steps of ¼ voxel; bars: 95 %"
@@ -78,33 +79,67 @@ pub fn field_error_svg(report: &Report) -> String {
         notes: if hollow { vec!["hollow: time extrapolated from cells drawn at random".into()] } else { Vec::new() },
         panels,
         columns,
-    })
+    }
+}
+
+/// Bytes of a cell against field error: bands and bits of one setting of each estimator.
+pub fn packing(report: &Report) -> Chart {
+    let style = |bits: u32, color, shape| Style { name: format!("{bits} bits a coefficient"), color, shape };
+    let styles = vec![
+        style(8, RGBColor(0xd5, 0x5e, 0x00), Shape::Up),
+        style(16, RGBColor(0x00, 0x9e, 0x73), Shape::Square),
+        style(32, RGBColor(0x00, 0x72, 0xb2), Shape::Circle),
+    ];
+    let mut panels = Vec::new();
+    for s in &report.subjects {
+        for v in candidates::telling(s.ratio) {
+            let mut points: Vec<&FieldPoint> = s.fields.iter().filter(|p| Visibility { bands: 4, ..p.visibility.clone() } == v).collect();
+            points.sort_by_key(|p| p.visibility.bands);
+            let mark = |p: &FieldPoint, style: usize| {
+                let (bands, bits, error) = (p.visibility.bands, [8, 16, 32][style], [p.packed[1], p.packed[0], p.error][style]);
+                let bytes = pack::groups(bands) as f64 * f64::from(pack::formats(bands, bits).0.bytes());
+                let label = if bits == 8 { candidates::counted_bands(bands) } else { String::new() };
+                Mark { style, at: [bytes, error], interval: None, hollow: false, front: false, label }
+            };
+            let mut marks: Vec<Mark> = (0..styles.len()).flat_map(|style| points.iter().map(move |p| mark(p, style))).collect();
+            let front = pareto::front(&marks.iter().map(|m| (m.at[0], m.at[1])).collect::<Vec<_>>());
+            marks.iter_mut().zip(front).for_each(|(m, front)| m.front = front);
+            let chains = (0..styles.len()).map(|style| (style * points.len()..(style + 1) * points.len()).collect()).collect();
+            if !marks.is_empty() {
+                let title = format!("{}: {}", s.name, candidates::name(&v));
+                panels.push(Panel { title, marks, chains, ..Panel::default() });
+            }
+        }
+    }
+    Chart {
+        title: "Field error against memory".into(),
+        subtitle: "one setting of each estimator with 1 to 4 bands, packed in 8, 16 and 32 bits; bands that are left out count as zero"
+            .into(),
+        x: "bytes a cell".into(),
+        y: "relative L2 error, after packing".into(),
+        styles,
+        notes: Vec::new(),
+        panels,
+        columns: 3,
+    }
 }
 
 fn frame_mark(p: &FramePoint) -> Mark {
     Mark {
         style: style_of(&p.visibility),
         at: [1e3 * p.seconds, p.rmse],
-        interval: None,
+        interval: Some(p.interval),
         hollow: p.step != 1.0,
         front: p.front,
         label: match p.step {
             1.0 => format!("1:{} N {}", p.ratio, p.visibility.directions),
             step => format!("1:{} N {} step {step}", p.ratio, p.visibility.directions),
         },
-        title: format!(
-            "{}, viewing step {}: frame {:.1} ms, relative RMSE {:.4}; its field took {:.2} s",
-            p.name,
-            p.step,
-            1e3 * p.seconds,
-            p.rmse,
-            p.field_seconds
-        ),
     }
 }
 
 /// Frame time against image error, with the error that each number of bands leaves.
-pub fn frame_error_svg(report: &Report) -> String {
+pub fn frame_error(report: &Report) -> Chart {
     let panels: Vec<Panel> = report
         .subjects
         .iter()
@@ -115,35 +150,46 @@ pub fn frame_error_svg(report: &Report) -> String {
             let mut chain: Vec<usize> = (0..s.frames.len()).filter(|&i| Some(&s.frames[i].visibility) == varied.as_ref()).collect();
             chain.sort_by(|&a, &b| s.frames[a].step.total_cmp(&s.frames[b].step));
             Panel {
-                title: format!("{}, {}×{} pixels; dense field: {}", s.name, s.pixels[0], s.pixels[1], s.dense_field),
+                title: format!("{}, {}×{} pixels", s.name, s.pixels[0], s.pixels[1]),
                 marks: s.frames.iter().map(frame_mark).collect(),
                 levels: levels(s),
                 chains: vec![chain],
             }
         })
         .collect();
-    plot::draw(&Chart {
+    Chart {
         title: "Image error against frame time".into(),
-        subtitle:
-            "relative RMSE over covered pixels, against path-traced single scattering; dashed: the dense field seen through so many bands"
-                .into(),
+        subtitle: "relative RMSE over covered pixels, against path-traced single scattering; bars: 95 % over pixels; dashed: what so many bands cannot hold".into(),
         x: "device time of the frame, ms".into(),
         y: "relative RMSE".into(),
         styles: styles(),
         notes: vec!["hollow: other viewing steps of one field (thin line)".into()],
         panels,
         columns: 1,
-    })
+    }
 }
 
 /// Dashed lines: each number of bands, and the reference picture's own noise where it is near.
 fn levels(s: &SubjectReport) -> Vec<(f64, String)> {
-    let bands = |n| if n == 1 { "1 band".to_owned() } else { format!("{n} bands") };
-    let mut levels: Vec<(f64, String)> =
-        s.levels.iter().map(|l| (l.rmse, format!("dense field, {}: {}", bands(l.bands), plot::number(l.rmse)))).collect();
+    let mut levels: Vec<(f64, String)> = s
+        .levels
+        .iter()
+        .map(|l| {
+            (
+                l.rmse,
+                format!(
+                    "{}, {}: {} ± {}",
+                    s.floor,
+                    candidates::counted_bands(l.bands),
+                    number(l.rmse),
+                    number(0.5 * (l.interval[1] - l.interval[0]))
+                ),
+            )
+        })
+        .collect();
     let least = s.frames.iter().map(|p| p.rmse).fold(f64::INFINITY, f64::min);
     if s.image_reference_error > 0.2 * least {
-        levels.push((s.image_reference_error, format!("noise of the reference: {}", plot::number(s.image_reference_error))));
+        levels.push((s.image_reference_error, format!("noise of the reference: {}", number(s.image_reference_error))));
     }
     levels
 }

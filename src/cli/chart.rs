@@ -65,13 +65,9 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         ("report.json".into(), format!("{object:#}\n").into_bytes()),
         ("points.csv".into(), chart::points_csv(&charted).into_bytes()),
     ];
-    for (name, svg) in [
-        ("field_error", chart::field_error_svg(&charted)),
-        ("frame_error", chart::frame_error_svg(&charted)),
-        ("savings", chart::savings_svg(&charted)),
-    ] {
-        files.push((format!("{name}.png"), chart::png(&svg, 2.0)?));
-        files.push((format!("{name}.svg"), svg.into_bytes()));
+    for figure in chart::figures(&charted) {
+        files.push((format!("{}.png", figure.name), figure.png()?));
+        files.push((format!("{}.svg", figure.name), figure.svg()?.into_bytes()));
     }
     let record = chart::record(&charted, engine.device());
     files.push(("record.json".into(), record.text().into_bytes()));

@@ -186,7 +186,7 @@ fn about_scene(report: &mut Report, scene: &Scene, loaded: &load::Loaded) {
             report.line("field", format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {:?}", v.coefficients(), v.directions, v.method));
         }
     }
-    report.line("memory", format!("{} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
+    report.line("memory", format!("at most {} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
     let (p, t) = (loaded.camera.position, loaded.camera.target);
     report.line("camera", format!("at {} towards {}, {} degrees", v3(p.to_array()), v3(t.to_array()), loaded.camera.fov_degrees));
     report.line("image", format!("{}x{} pixels", scene.image.width, scene.image.height));

@@ -48,17 +48,29 @@ pub fn field(
         cells: v.cells,
         pixels,
     };
+    report.line(
+        "planning",
+        format!(
+            "takes at most about {} s of device time, or {:.0} % of what the field will take",
+            plan::FLOOR_SECONDS,
+            100.0 * plan::SHARE
+        ),
+    );
+    report.flush()?;
     bar.enter(STAGE);
     let blame = |e| scene.origins.blame(e);
     let mut plan = plan::choose(engine, &loaded.volume, medium, &request, &mut bar.job()).map_err(blame)?;
     say(report, &plan);
     report.flush()?;
     bar.enter("visibility");
-    let mut lines = Vec::new();
-    let made = plan.compute(engine, medium, &mut |line| lines.push(line.to_owned()), &mut bar.job()).map_err(blame)?;
-    for line in lines {
+    let mut told = Ok(());
+    let mut tell = |line: &str| {
         report.line("again", line);
-    }
+        // Said before the next field is begun; a reader that has gone away is told of afterwards.
+        told = report.flush();
+    };
+    let made = plan.compute(engine, medium, &mut tell, &mut bar.job()).map_err(blame)?;
+    told?;
     let [lo, hi] = made.error.interval;
     report.line(
         "verified",
@@ -96,5 +108,13 @@ fn say(report: &mut Report, plan: &Plan) {
     for reason in &plan.reasons {
         report.line("because", reason);
     }
-    report.line("planning", format!("took {:.1} s of device time, at {} cells near matter", plan.planning_seconds, plan.probes()));
+    report.line(
+        "planning",
+        format!(
+            "took {:.1} of at most {:.1} s of device time, at {} cells near matter",
+            plan.planning_seconds,
+            plan.planning_limit,
+            plan.probes()
+        ),
+    );
 }

@@ -99,8 +99,6 @@ pub fn visibility(
     }
     if scene.wanted.is_none() {
         said(grid, &scene.visibility, report);
-        let need = engine.admit(volume, &scene.visibility, pixels).map_err(|e| scene.origins.blame(e))?;
-        report.needs(engine, need.peak());
     }
     report.flush()?;
 
@@ -109,6 +107,11 @@ pub fn visibility(
     bar.enter("upload");
     let on_device = engine.upload(volume)?;
     let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
+    if scene.wanted.is_none() {
+        let need = engine.admit(&medium, &scene.visibility, pixels).map_err(|e| scene.origins.blame(e))?;
+        report.needs(engine, need.peak());
+        report.flush()?;
+    }
     let field = match plan::field(engine, scene, loaded, &medium, pixels, bar, report)? {
         Some(made) => made.field,
         None => {

@@ -2,24 +2,30 @@
 //! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
 
 mod budget;
+mod estimate;
+mod field;
+pub mod host;
 mod occupancy;
 mod precompute;
 mod reference;
+mod relight;
 mod render;
 mod sweep;
 
 use crate::error::{Error, Result};
 use crate::scene::transfer::Table;
-use crate::scene::{Grid, Light, Matter, Samples, Visibility, Volume};
-use crate::stages::{self, Encoding, MediumView, pack, relight};
-use crate::vk::{self, Access, Buffer, Format, Image, ImageDesc};
+use crate::scene::{Grid, Matter, Samples, Volume};
+use crate::stages::{self, Encoding, MediumView};
+use crate::vk::{self, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-pub use budget::Need;
+pub use budget::{Need, precompute_memory};
+pub use field::Field;
 pub use occupancy::Occupancy;
-pub use precompute::{Pass, precompute_memory};
+pub use precompute::Pass;
 pub use reference::{Reference, ReferenceSettings};
+pub use relight::Lit;
 
 pub use crate::vk::{DeviceInfo, Memory, Options, Span, devices};
 
@@ -61,25 +67,6 @@ pub struct Medium {
     albedo: Buffer,
     occupancy: Occupancy,
     flat_albedo: Option<[f32; 3]>,
-}
-
-/// A visibility field on the device: 16 (or fewer) SH coefficients per cell, packed. Clones share it.
-#[derive(Clone)]
-pub struct Field(Arc<FieldData>);
-
-struct FieldData {
-    dims: [usize; 3],
-    settings: Visibility,
-    images: [Image; pack::GROUPS],
-}
-
-/// A field under a light: what a picture needs.
-pub struct Lit {
-    field: Field,
-    light: Light,
-    irradiance: Image,
-    /// Radiance that 1 in `irradiance` stands for: keeps any light within half floats.
-    scale: f32,
 }
 
 impl DeviceVolume {
@@ -128,33 +115,6 @@ impl Medium {
     }
 }
 
-impl Field {
-    /// Cells along x, y, z.
-    pub fn dims(&self) -> [usize; 3] {
-        self.0.dims
-    }
-
-    /// Bytes of the packed coefficients.
-    pub fn bytes(&self) -> u64 {
-        let s = &self.0.settings;
-        let cell = pack::groups(s.bands) as u64 * u64::from(pack::formats(s.bands, s.bits).0.bytes());
-        self.0.dims.iter().map(|&n| n as u64).product::<u64>() * cell
-    }
-
-    /// The settings that it was computed with.
-    pub fn settings(&self) -> &Visibility {
-        &self.0.settings
-    }
-
-    fn images(&self) -> [&Image; pack::GROUPS] {
-        self.0.images.each_ref()
-    }
-
-    fn sampled_format(&self) -> Format {
-        pack::formats(self.0.settings.bands, self.0.settings.bits).1
-    }
-}
-
 /// How much one dispatch takes on, so that it lasts about [`DISPATCH_SECONDS`].
 struct Pacer {
     size: u32,
@@ -179,16 +139,14 @@ impl Engine {
     /// # Errors
     /// [`Error::NoDevice`], [`Error::DeviceLacks`].
     pub fn new(options: &Options) -> Result<Self> {
-        let device = vk::Device::new(options)?;
-        for format in [Format::R16Unorm, Format::R32Sfloat, Format::R16Sfloat, Format::Rg16Sfloat, Format::Rgba16Sfloat] {
-            if !device.supports_filtering(format) {
-                return Err(Error::DeviceLacks {
-                    device: device.info().name.clone(),
-                    lacks: format!("linear filtering of {format:?} images"),
-                });
-            }
+        Self::on(vk::Device::new(options)?)
+    }
+
+    fn on(device: vk::Device) -> Result<Self> {
+        match device.lacking(&host::requirements()) {
+            Some(lacks) => Err(Error::DeviceLacks { device: device.info().name.clone(), lacks }),
+            None => Ok(Self { device }),
         }
-        Ok(Self { device })
     }
 
     /// The device.
@@ -263,71 +221,6 @@ impl Engine {
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
         Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo })
-    }
-
-    /// The field's coefficients as the renderers see them (after packing): bands² per cell, coefficient fastest, then x,
-    /// y, z.
-    ///
-    /// # Errors
-    /// What the device refuses.
-    pub fn read_field(&self, field: &Field) -> Result<Vec<f32>> {
-        let s = field.settings();
-        let kept = s.coefficients();
-        let cells: usize = field.dims().iter().product();
-        let mut out = vec![0f32; kept * cells];
-        for g in 0..pack::groups(s.bands) {
-            let bytes = self.device.read_image(field.images()[g], 0)?;
-            for (cell, codes) in pack::unpack_image(&bytes, s.bands, s.bits).iter().enumerate() {
-                let mut all = [0u32; 16];
-                all[4 * g..4 * g + 4].copy_from_slice(codes);
-                let v = pack::decode(&all, s.bits);
-                for i in 4 * g..(4 * g + 4).min(kept) {
-                    out[cell * kept + i] = v[i];
-                }
-            }
-        }
-        Ok(out)
-    }
-
-    /// Puts a field under a light; no visibility is computed.
-    ///
-    /// # Errors
-    /// [`Error::OutOfMemory`], and what the device refuses.
-    pub fn relight(&self, field: &Field, light: &Light) -> Result<Lit> {
-        let dims = field.dims().map(|n| n as u32);
-        let cells: u64 = field.dims().iter().map(|&n| n as u64).product();
-        let format = relight::format(light.coefficients.iter().all(|l| l[0] == l[1] && l[1] == l[2]));
-        self.ask("the irradiance volume", u64::from(format.bytes()) * cells, |_| "compute a coarser field, or allow more memory".into())?;
-        let desc = ImageDesc { name: "irradiance", dims, levels: 1, format, views: &[], storage: true };
-        let irradiance = self.device.image3(&desc)?;
-        // |S/ϖ| ≤ |v||L|/4π with |v| ≤ 2√π, 0.28 of the light's norm: this scale puts every cell within ±1200, where half
-        // floats have room on both sides.
-        let norm = (0..3).map(|c| light.coefficients.iter().map(|l| l[c] * l[c]).sum::<f64>().sqrt()).fold(0.0, f64::max);
-        let scale = if norm > 0.0 && norm.is_finite() { norm / 4096.0 } else { 1.0 };
-        let coefficients: Vec<[f32; 4]> = light.scaled(1.0 / scale).to_f32().iter().map(|l| [l[0], l[1], l[2], 0.0]).collect();
-        let light_buffer = self.device.buffer_from("light", &coefficients)?;
-        let mut rec = self.device.record()?;
-        // A fresh image takes the layout for stores.
-        rec.barrier(&[irradiance.mip(0).from(Access::None).to(Access::ComputeWrite)]);
-        let s = field.settings();
-        relight::record(&mut rec, field.images(), field.sampled_format(), &light_buffer, &irradiance, s.bands, s.bits)?;
-        // The renderers only read it.
-        rec.barrier(&[irradiance.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
-        rec.submit()?;
-        Ok(Lit { field: field.clone(), light: *light, irradiance, scale: scale as f32 })
-    }
-
-    /// (S/ϖ per channel, mean visibility) of every cell, x fastest: for tests and charts.
-    ///
-    /// # Errors
-    /// What the device refuses.
-    pub fn read_irradiance(&self, lit: &Lit) -> Result<Vec<[f32; 4]>> {
-        let bytes = self.device.read_image(&lit.irradiance, 0)?;
-        let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-        let unit = [lit.scale, lit.scale, lit.scale, 1.0];
-        // Which number of a texel stands for each channel and for the mean visibility.
-        let (place, size) = if lit.irradiance.format() == relight::format(true) { ([0, 0, 0, 1], 4) } else { ([0, 1, 2, 3], 8) };
-        Ok(bytes.chunks_exact(size).map(|t| std::array::from_fn(|c| unit[c] * value(&t[2 * place[c]..2 * place[c] + 2]))).collect())
     }
 }
 

@@ -2,11 +2,12 @@
 
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, ImageSettings, Picture};
+use crate::scene::{Camera, ImageSettings, Picture, Surface};
 use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
-use crate::stages::{isosurface, raymarch};
-use crate::vk::Access;
+use crate::stages::resolve::Form;
+use crate::stages::{isosurface, raymarch, resolve};
+use crate::vk::{Access, Buffer};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -16,10 +17,42 @@ pub(super) const STRIP: usize = 1 << 20;
 /// Samples of one row in a dispatch, at most: tens of milliseconds on a CPU device.
 const ROW_SAMPLES: u32 = 1 << 22;
 
+/// A picture about to be rendered: what was checked and made for it.
+pub(super) struct Shot<'a> {
+    medium: &'a Medium,
+    lit: &'a Lit,
+    view: View,
+    step_length: f64,
+    /// Of the longest ray.
+    steps: u64,
+    /// Steps of a dispatch.
+    segment: u32,
+    /// Width and height.
+    size: [u32; 2],
+    /// Rows of a strip.
+    most: u32,
+    form: Form,
+    state: Buffer,
+    pixels: Buffer,
+    surface: Option<(Surface, Buffer, Buffer)>,
+    leap: Leap<'a>,
+}
+
+/// Some rows that are done.
+pub(super) struct Strip<'a> {
+    pub first_row: u32,
+    pub rows: u32,
+    /// As the picture's form says.
+    pub pixels: &'a Buffer,
+    /// World distance of each hit, of an isosurface.
+    pub depth: Option<&'a Buffer>,
+}
+
 impl Engine {
     /// Renders a picture: direct volume rendering, or the isosurface if the matter has one. The background is left
     /// transparent. The field under the light must be of this medium, or hold all cells
-    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for are dark.
+    /// ([`Cells::All`](crate::scene::visibility::Cells)): cells far from the matter that it was computed for hold no light
+    /// that means anything.
     ///
     /// # Errors
     /// [`Error::Invalid`] for an unusable camera or picture, [`Error::Cancelled`].
@@ -40,13 +73,33 @@ impl Engine {
         image: &ImageSettings,
         progress: &mut Progress,
     ) -> Result<(Picture, Vec<f32>)> {
+        let shot = self.shot(medium, lit, camera, image, false)?;
+        let mut picture = Picture::new(image.width, image.height);
+        let mut distances = Vec::new();
+        self.strips(&shot, progress, &mut |strip| {
+            let first = strip.first_row as usize * image.width;
+            let count = strip.rows as usize * image.width;
+            picture.rgba[first..first + count].copy_from_slice(&self.device.read::<[f32; 4]>(strip.pixels, count)?);
+            if let Some(depth) = strip.depth {
+                distances.extend(self.device.read::<f32>(depth, count)?);
+            }
+            Ok(())
+        })?;
+        Ok((picture, distances))
+    }
+
+    /// Checks a picture and makes what it needs.
+    pub(super) fn shot<'a>(
+        &self,
+        medium: &'a Medium,
+        lit: &'a Lit,
+        camera: &Camera,
+        image: &ImageSettings,
+        half: bool,
+    ) -> Result<Shot<'a>> {
         let grid = medium.grid();
         let rays = camera.rays(grid, image.width, image.height)?;
         let view = View::new(grid, &rays);
-        let mut tell = |fraction: f64| match progress("render", fraction as f32) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(Error::Cancelled),
-        };
         if !(image.step.is_finite() && image.step > 0.0) {
             return Err(Error::Invalid {
                 item: "image.step",
@@ -77,11 +130,13 @@ impl Engine {
         let segment = (self.device.loop_limit() / 3).saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
         let most = ((STRIP / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
-        self.ask("the picture", 20 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
+        let form = Form { depth: medium.matter.surface.is_none(), half };
+        self.ask("the picture", (20 + form.bytes()) * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
         let state = self.device.buffer::<[f32; 4]>("state", slots)?;
+        let pixels = self.device.buffer::<u8>("pixels", slots * form.bytes() as usize)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
-                let shade = isosurface::Shade::new(grid, lit.field.dims(), albedo, &lit.light, surface.shading);
+                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading);
                 Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
             }
             _ => None,
@@ -91,43 +146,52 @@ impl Engine {
             bounds: if image.skip { medium.occupancy.bounds().unwrap_or_default() } else { [[0; 3], grid.dims()] },
             skip: image.skip,
         };
+        Ok(Shot { medium, lit, view, step_length, steps, segment, size: [width, height], most, form, state, pixels, surface, leap })
+    }
+
+    /// Renders strip by strip. `each` gets the pixels of a finished strip, last accessed as [`Access::ComputeWrite`], and may leave
+    /// them in any other.
+    pub(super) fn strips(&self, shot: &Shot, progress: &mut Progress, each: &mut dyn FnMut(Strip) -> Result<()>) -> Result<()> {
+        let Shot { medium, lit, view, step_length, steps, segment, size: [width, height], form, state, pixels, surface, leap, .. } = shot;
+        let (steps, segment, width, height) = (*steps, *segment, *width, *height);
+        let mut tell = |fraction: f64| match progress("render", fraction as f32) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(Error::Cancelled),
+        };
         let encoding = medium.volume.0.encoding;
-        let settings = lit.field.settings();
+        let settings = lit.field().settings();
         let mut rec = self.device.record()?;
         // Fresh buffers: the first dispatch of a strip writes without reading.
         rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
-        if let Some((_, _, depth)) = &surface {
+        if let Some((_, _, depth)) = surface {
             rec.barrier(&[depth.all().from(Access::None).to(Access::ComputeWrite)]);
         }
         rec.submit()?;
 
-        let mut picture = Picture::new(image.width, image.height);
-        let mut distances = Vec::new();
-        let mut pacer = Pacer::new(8, most);
+        let mut pacer = Pacer::new(8, shot.most);
         let mut row = 0;
         tell(0.0)?;
         while row < height {
             let rows = pacer.size.min(height - row);
             let start = Instant::now();
             for first_step in (0..steps).step_by(segment as usize) {
-                let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length };
+                let part =
+                    Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length: *step_length };
                 let mut rec = self.device.record()?;
-                match &surface {
-                    None => raymarch::record(&mut rec, &medium.view(), (&lit.irradiance, lit.scale), &view, part, leap, &state)?,
+                match surface {
+                    None => raymarch::record(&mut rec, &medium.view(), lit.irradiance(), view, part, *leap, state)?,
                     Some((surface, shade, depth)) => {
                         let inputs = isosurface::Surface {
                             volume: &medium.volume.0.image,
-                            field: lit.field.images(),
-                            field_view: lit.field.sampled_format(),
+                            field: lit.field().packed(),
                             shade,
                             iso: encoding.sample_of(surface.iso as f32),
                             rising: encoding.scale > 0.0,
                             bands: settings.bands,
-                            bits: settings.bits,
                             shading: surface.shading,
-                            leap,
+                            leap: *leap,
                         };
-                        isosurface::record(&mut rec, &inputs, &view, part, &state, depth)?;
+                        isosurface::record(&mut rec, &inputs, view, part, state, depth)?;
                         // The next part of the rays stores the hits that it finds.
                         rec.barrier(&[depth.all().from(Access::ComputeWrite).to(Access::ComputeWrite)]);
                     }
@@ -136,24 +200,29 @@ impl Engine {
                 rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
                 rec.submit()?;
             }
-            pacer.took(rows, start.elapsed().as_secs_f64());
-            let count = (rows * width) as usize;
-            let pixels: Vec<[f32; 4]> = self.device.read(&state, count)?;
-            let first = (row * width) as usize;
-            for (out, p) in picture.rgba[first..first + count].iter_mut().zip(&pixels) {
-                *out = [p[0], p[1], p[2], if surface.is_some() { p[3] } else { -(-p[3]).exp_m1() }];
-            }
             let mut rec = self.device.record()?;
-            // The next strip writes over what the host has read.
-            rec.barrier(&[state.all().from(Access::ComputeRead).to(Access::ComputeReadWrite)]);
-            if let Some((_, _, depth)) = &surface {
-                distances.extend(self.device.read::<f32>(depth, count)?);
-                rec.barrier(&[depth.all().from(Access::ComputeRead).to(Access::ComputeWrite)]);
+            // The rays have ended.
+            rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeRead)]);
+            if row > 0 {
+                // The strip before has been taken away.
+                rec.barrier(&[pixels.all().from(pixels.last_access()).to(Access::ComputeWrite)]);
             }
+            resolve::record(&mut rec, *form, state, pixels, rows * width)?;
+            // The next strip writes over the state.
+            rec.barrier(&[state.all().from(Access::ComputeRead).to(Access::ComputeReadWrite)]);
             rec.submit()?;
+            pacer.took(rows, start.elapsed().as_secs_f64());
+            let depth = surface.as_ref().map(|(_, _, depth)| depth);
+            each(Strip { first_row: row, rows, pixels, depth })?;
+            if let Some(depth) = depth.filter(|d| d.last_access() != Access::ComputeWrite) {
+                let mut rec = self.device.record()?;
+                // The next strip writes over what the host has read.
+                rec.barrier(&[depth.all().from(depth.last_access()).to(Access::ComputeWrite)]);
+                rec.submit()?;
+            }
             row += rows;
             tell(f64::from(row) / f64::from(height))?;
         }
-        Ok((picture, distances))
+        Ok(())
     }
 }

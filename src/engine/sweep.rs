@@ -14,18 +14,39 @@ use std::time::Instant;
 /// everywhere.
 const RING: u64 = 64 << 20;
 
-/// Bytes that a sweep holds while it runs, if `wanted` cells are summed: their sums, the cell map and its tiles, the ring.
-pub fn memory(grid: &Grid, settings: &Visibility, wanted: u64) -> u64 {
-    let dims = grid.field_dims(settings.ratio as usize);
-    let cells: u64 = dims.iter().map(|&n| n as u64).product();
-    let slots: u64 = cells::slot_dims(wanted).iter().map(|&n| u64::from(n)).product();
-    let ring = RING.min(ring_bytes(dims, settings.near) * u64::from(settings.directions)).max(ring_bytes(dims, settings.near));
-    slots * 16 * coefficient_groups(settings.bands) as u64 + cells * 4 + cells / 8 + ring
+/// Bytes of the ring per direction, for the largest slice: the least that a sweep can do with.
+pub(super) fn ring_bytes(dims: [usize; 3], near: u32) -> u64 {
+    (0..3).map(|a| sweep::slice_cells(dims, a) as u64).max().unwrap_or(1) * 4 * (u64::from(near) + 1)
 }
 
-/// Bytes of the ring per direction, for the largest slice.
-fn ring_bytes(dims: [usize; 3], near: u32) -> u64 {
-    (0..3).map(|a| sweep::slice_cells(dims, a) as u64).max().unwrap_or(1) * 4 * (u64::from(near) + 1)
+/// Bytes of the ring that a sweep takes where memory is plenty.
+pub(super) fn most_ring(grid: &Grid, settings: &Visibility, loop_limit: u32) -> Result<u64> {
+    let dims = grid.field_dims(settings.ratio as usize);
+    let mut rays = sweep::rays(settings.directions, grid);
+    let groups = sweep::groups(&mut rays, cell_size(grid, dims));
+    let batch = batch(grid, settings, &rays, &groups, (loop_limit, RING))?;
+    Ok(ring_bytes(dims, settings.near) * u64::from(batch.min(groups.iter().map(|g| g.count).max().unwrap_or(1))))
+}
+
+/// Directions of a batch: as many as `ring` bytes hold and one dispatch may loop over; four cells march one after another.
+fn batch(grid: &Grid, settings: &Visibility, rays: &[Ray], groups: &[Group], (loop_limit, ring): (u32, u64)) -> Result<u32> {
+    let dims = grid.field_dims(settings.ratio as usize);
+    let size = cell_size(grid, dims);
+    let step_length = (f64::from(settings.step) * grid.voxel_length()) as f32;
+    let taps = groups.iter().flat_map(|g| {
+        let run = &rays[g.first as usize..(g.first + g.count) as usize];
+        run.iter().map(|d| size[g.axis] / d.voxel[g.axis].abs() / step_length)
+    });
+    let taps = taps.fold(0f32, f32::max).ceil() as u64 + 2;
+    let loops = u64::from(loop_limit) / (4 * taps * u64::from(settings.near) + 8);
+    if loops == 0 {
+        return Err(Error::Invalid {
+            item: "visibility.step",
+            what: format!("{} voxels make {taps} steps from slice to slice", settings.step),
+            right: format!("this device runs at most {loop_limit} in one dispatch; take a longer step"),
+        });
+    }
+    Ok((ring / ring_bytes(dims, settings.near)).min(loops).clamp(1, 1 << 16) as u32)
 }
 
 /// A sweep under way: the sums of the directions swept so far.
@@ -38,6 +59,8 @@ pub(super) struct Sweeper<'a> {
     tiles: Tiles,
     tile_list: Buffer,
     ring: Option<Buffer>,
+    /// Bytes that the ring may take.
+    most_ring: u64,
     pacer: Pacer,
     /// Whether any cell is wanted.
     wanted: bool,
@@ -50,7 +73,7 @@ pub(super) struct Sweeper<'a> {
 }
 
 impl<'a> Sweeper<'a> {
-    pub fn new(engine: &'a Engine, medium: &'a Medium, settings: &'a Visibility, map: &CellMap) -> Result<Self> {
+    pub fn new(engine: &'a Engine, medium: &'a Medium, settings: &'a Visibility, map: &CellMap, most_ring: u64) -> Result<Self> {
         let grid = medium.grid();
         let dims = grid.field_dims(settings.ratio as usize);
         let device = &engine.device;
@@ -98,6 +121,7 @@ impl<'a> Sweeper<'a> {
             tiles,
             tile_list,
             ring: None,
+            most_ring,
             pacer,
             wanted: map.wanted > 0,
             begin: true,
@@ -118,21 +142,7 @@ impl<'a> Sweeper<'a> {
         let groups = sweep::groups(&mut rays, size);
         let directions = device.buffer_from("directions", &rays)?;
 
-        // Directions of a batch: as many as the ring holds and one dispatch may loop over; four cells march one after another.
-        let taps = groups.iter().flat_map(|g| {
-            let run = &rays[g.first as usize..(g.first + g.count) as usize];
-            run.iter().map(|d| size[g.axis] / d.voxel[g.axis].abs() / self.step_length as f32)
-        });
-        let taps = taps.fold(0f32, f32::max).ceil() as u64 + 2;
-        let loops = u64::from(device.loop_limit()) / (4 * taps * u64::from(near) + 8);
-        if loops == 0 {
-            return Err(Error::Invalid {
-                item: "visibility.step",
-                what: format!("{} voxels make {taps} steps from slice to slice", self.settings.step),
-                right: format!("this device runs at most {} in one dispatch; take a longer step", device.loop_limit()),
-            });
-        }
-        let most = (RING / ring_bytes(dims, near)).min(loops).clamp(1, 1 << 16) as u32;
+        let most = batch(self.medium.grid(), self.settings, &rays, &groups, (device.loop_limit(), self.most_ring))?;
         let batch = groups.iter().map(|g| g.count).max().unwrap_or(1).min(most);
         let ring_bytes = ring_bytes(dims, near) * u64::from(batch);
         // A ring that is too small goes before the larger one comes.

@@ -2,25 +2,36 @@
 //! candidates at some cells of the very scene, and said beforehand with its cost.
 //!
 //! Error is relative L2 over the kept coefficients after packing, against a dense march at the same cells (see
-//! [`crate::measure`]); a field at 1:8 is judged at its own cells. What is measured, at up to 256 cells near matter drawn
+//! [`crate::measure`]); a field at 1:8 is judged at its own cells. What is measured, at 96 to 512 cells near matter drawn
 //! apart from those that [`crate::measure::Plan`] draws:
 //!
-//! - the reference: `march`, 1,024 directions in steps of ½ voxel (4,096 where matter is thin and scattered); 4,096 in ¼
-//!   voxel for tolerances below 0.03;
-//! - quadrature: `march` with two smaller numbers of directions, which gives q(N) = a·N^−p;
-//! - the sweep, whole: one shape (near, step) with two numbers of directions, which gives its own q(N) and error b, then
-//!   dearer shapes as far as they are needed, each with its time: a fixed part and one per direction.
+//! - the march: what its step is off by (from two pairs of small direction sets), and q(N) = a·N^−p, its quadrature;
+//! - the reference: a march of 384 to 4,096 directions, as many as make its own error a third of the tolerance, half if time
+//!   is short, in steps of ½ voxel, or of ¼ where ½ shows;
+//! - the sweep, whole: one slice dense, with two numbers of directions, which gives its quadrature and what its handing on of
+//!   transmittance costs; then, if time is left, the shape (slices, step) that these make the cheapest.
 //!
-//! Then error² = q(N)² + b² + packing², and the cheapest N and shape that stay within the tolerance are taken, with a
-//! margin for the 95 % interval; `march` where that is cheaper or no sweep is close enough. The computed field is measured
-//! at the same cells before it is handed out; one that missed is replaced by a better one ([`Plan::compute`]).
+//! Then error² = quadrature² + own² + packing² by laws ([`law`](self)) whose exponents were fitted to ten volumes, and the
+//! cheapest shape and N that stay within the tolerance are taken, with a margin for the 95 % interval and for what the laws
+//! may be off by; `march` where that is cheaper.
+//!
+//! Planning is bounded: [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field should take, whichever is more. Where
+//! that is short the cells get fewer, then the reference coarser, then the sweeps fewer, and the plan says so.
+//!
+//! The computed field is measured at the plan's cells before it is handed out: the upper end of its 95 % interval must be
+//! within the tolerance. Where only the interval is too wide, more cells are measured if that is cheaper than another field;
+//! a field that missed is replaced by a better one ([`Plan::compute`]).
 
 mod bands;
+mod bench;
 mod choose;
 mod compute;
 mod law;
+mod ratio;
+mod truth;
 
 pub use bands::{NEGLIGIBLE, needed as needed_bands};
+pub use bench::{FLOOR_SECONDS, SHARE};
 pub use choose::choose;
 pub use compute::Made;
 
@@ -28,8 +39,9 @@ use crate::engine::Need;
 use crate::measure::FieldError;
 use crate::scene::Visibility;
 use crate::scene::visibility::{Cells, Method, Wanted};
-use law::{Law, Shape};
+use law::{Law, Sweeps};
 use serde_json::{Value, json};
+use truth::March;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,13 +92,20 @@ pub struct Plan {
     pub tried: Vec<Candidate>,
     /// Device seconds that planning took.
     pub planning_seconds: f64,
-    /// Measured cells, ascending, and the reference there.
+    /// Device seconds that it was to take at most, about.
+    pub planning_limit: f64,
+    /// Measured cells, others that could be, and the reference at the former.
     cells: Vec<u32>,
+    more: Vec<u32>,
     truth: Vec<[f32; 16]>,
+    /// The reference's settings, and its seconds per cell.
+    dense: Visibility,
+    dense_seconds: f64,
+    /// Cells of the whole field.
+    wanted: f64,
     law: Law,
-    shapes: Vec<Shape>,
-    /// Seconds of a marched direction over the whole field, per step length in voxels: (step, its error, seconds).
-    marches: Vec<(f32, f64, f64)>,
+    sweeps: Sweeps,
+    marches: Vec<March>,
     /// Error of packing alone.
     packing: f64,
     /// Relative half-width of the intervals.
@@ -122,7 +141,7 @@ impl Plan {
         json!({
             "tolerance": self.tolerance, "chosen": s(&self.settings), "predicted": self.predicted, "seconds": self.seconds,
             "memory": self.need.peak(), "probes": self.cells.len(), "reasons": self.reasons, "tried": tried,
-            "planning_seconds": self.planning_seconds,
+            "planning_seconds": self.planning_seconds, "planning_limit": self.planning_limit,
         })
     }
 }

@@ -47,7 +47,8 @@ pub fn matter(filled: &[bool], blocks: [usize; 3], voxels: [usize; 3], dims: [us
 /// Texels of an image that holds `wanted` slots.
 pub fn slot_dims(wanted: u64) -> [u32; 3] {
     let row = SLOT_ROW as u32;
-    [row, row, wanted.div_ceil(u64::from(row * row)).max(1) as u32]
+    let rows = wanted.div_ceil(u64::from(row)).max(1);
+    [row, rows.min(u64::from(row)) as u32, rows.div_ceil(u64::from(row)) as u32]
 }
 
 impl CellMap {
@@ -67,10 +68,20 @@ impl CellMap {
         Self { texels, wanted }
     }
 
-    /// Linear indices of the cells that are wanted, or of those that are not.
-    pub fn cells(&self, wanted: bool) -> Vec<u32> {
-        let is = |t: &u32| (t >> 4 > 0) == wanted;
-        self.texels.iter().enumerate().filter(|(_, t)| is(t)).map(|(i, _)| i as u32).collect()
+    /// The cells that `wants` says, x fastest; nothing is known of matter.
+    pub fn listed(wants: impl Iterator<Item = bool>) -> Self {
+        let mut wanted = 0;
+        let texel = |wants: bool| {
+            wanted += usize::from(wants);
+            if wants { (wanted as u32) << 4 } else { 0 }
+        };
+        let texels = wants.map(texel).collect();
+        Self { texels, wanted }
+    }
+
+    /// Linear indices of the wanted cells, ascending.
+    pub fn cells(&self) -> Vec<u32> {
+        self.texels.iter().enumerate().filter(|(_, t)| **t >> 4 > 0).map(|(i, _)| i as u32).collect()
     }
 }
 
@@ -84,6 +95,15 @@ pub struct Tiles {
 }
 
 impl Tiles {
+    /// Bytes of the list of a field of `dims` cells.
+    pub fn bytes(dims: [usize; 3]) -> u64 {
+        let tiles = |axis: usize| {
+            let [row, column] = super::sweep::plane(axis);
+            dims[axis] * dims[row].div_ceil(TILE_ROW) * dims[column].div_ceil(TILE_COLUMN)
+        };
+        4 * (0..3).map(tiles).sum::<usize>() as u64
+    }
+
     /// The tiles of a field of `dims` cells.
     pub fn new(dims: [usize; 3], map: &CellMap) -> Self {
         let strides = [1, dims[0], dims[0] * dims[1]];
@@ -119,27 +139,39 @@ impl Tiles {
     }
 }
 
-/// Chebyshev distance in cells to the nearest cell with matter, at most 15: per axis, the least of a run's distances each
-/// raised to its place in the run.
+/// Chebyshev distance in cells to the nearest cell with matter, at most 15: per axis, the least of a line's distances each
+/// raised to its place in the line. A row of cells is worked on at once.
 pub fn distances(dims: [usize; 3], matter: &[bool]) -> Vec<u8> {
     let mut d: Vec<u8> = matter.iter().map(|&m| if m { 0 } else { FAR }).collect();
+    for row in d.chunks_exact_mut(dims[0].max(1)) {
+        // Along a row only 0 and 15 stand yet.
+        let mut last = FAR;
+        for v in row.iter_mut() {
+            last = (*v).min(last.saturating_add(1)).min(FAR);
+            *v = last;
+        }
+        for v in row.iter_mut().rev() {
+            last = (*v).min(last.saturating_add(1));
+            *v = last;
+        }
+    }
     let strides = [1, dims[0], dims[0] * dims[1]];
-    let mut line = Vec::new();
-    for a in 0..3 {
-        let n = dims[a];
-        for first in (0..d.len()).filter(|i| (i / strides[a]).is_multiple_of(n)) {
-            line.clear();
-            line.extend((0..n).map(|k| d[first + k * strides[a]]));
-            for (k, out) in (0..n).map(|k| (k, first + k * strides[a])) {
-                let mut best = line[k];
-                let mut reach = 1;
-                // Farther entries cannot do better than their place.
-                while reach < usize::from(best) {
-                    let side = |at: Option<&u8>| at.map_or(FAR, |v| (*v).max(reach as u8));
-                    best = best.min(side(k.checked_sub(reach).and_then(|k| line.get(k)))).min(side(line.get(k + reach)));
-                    reach += 1;
+    for a in 1..3 {
+        let before = d.clone();
+        for (index, row) in d.chunks_exact_mut(dims[0].max(1)).enumerate() {
+            let first = index * dims[0];
+            let k = first / strides[a] % dims[a];
+            for reach in 1..usize::from(FAR) {
+                // Farther rows cannot do better than their place.
+                if row.iter().all(|&v| usize::from(v) <= reach) {
+                    break;
                 }
-                d[out] = best;
+                for at in [(k >= reach).then(|| first - reach * strides[a]), (k + reach < dims[a]).then(|| first + reach * strides[a])] {
+                    let Some(at) = at else { continue };
+                    for (v, other) in row.iter_mut().zip(&before[at..at + dims[0]]) {
+                        *v = (*v).min((*other).max(reach as u8));
+                    }
+                }
             }
         }
     }
@@ -172,7 +204,7 @@ mod tests {
         assert_eq!(map.wanted, d.iter().filter(|&&d| d <= MARGIN).count());
         assert_eq!(map.texels.iter().filter(|&&t| t >> 4 > 0).count(), map.wanted);
         assert_eq!(CellMap::new(dims, &matter, &[0], false).wanted, map.wanted + usize::from(d[0] > MARGIN));
-        assert_eq!(map.cells(true).len(), map.wanted);
+        assert_eq!(map.cells().len(), map.wanted);
         // Every tile of every slice stands once, and none that holds a wanted cell is only carried.
         let tiles = Tiles::new(dims, &map);
         for axis in 0..3 {

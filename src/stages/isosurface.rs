@@ -4,13 +4,13 @@
 //! bands). The field is interpolated among cells in vacuum only: one inside the surface sees nothing.
 
 use super::occupancy::Leap;
-use super::pack::GROUPS;
+use super::pack::{self, Packed};
 use super::raymarch::{Part, View};
 use super::twin;
 use crate::error::Result;
 use crate::kernels::isosurface as kernel;
 use crate::scene::{Grid, Light, Shading, Volume, sh};
-use crate::vk::{Buffer, Format, Image, Recorder};
+use crate::vk::{Buffer, Image, Recorder};
 use bytemuck::{Pod, Zeroable};
 
 /// The `View` buffer of the kernel.
@@ -65,9 +65,7 @@ pub struct Surface<'a> {
     /// Scalars.
     pub volume: &'a Image,
     /// The packed field.
-    pub field: [&'a Image; GROUPS],
-    /// The format that reads it.
-    pub field_view: Format,
+    pub field: Packed<'a>,
     /// A [`Shade`].
     pub shade: &'a Buffer,
     /// Iso as the volume's image returns it.
@@ -76,8 +74,6 @@ pub struct Surface<'a> {
     pub rising: bool,
     /// SH bands of the field.
     pub bands: u32,
-    /// Bits of the field.
-    pub bits: u32,
     /// Shading that `shade` was folded for.
     pub shading: Shading,
     /// What rays leap by.
@@ -90,15 +86,17 @@ pub struct Surface<'a> {
 /// # Errors
 /// What the recorder refuses.
 pub fn record(rec: &mut Recorder, surface: &Surface, view: &View, part: Part, state: &Buffer, depth: &Buffer) -> Result<()> {
-    let [f0, f1, f2, f3] = surface.field;
+    let view_format = pack::formats(surface.bands, surface.field.bits).1;
+    let [field0, field1, field2, field3] = surface.field.images.map(|i| i.sampled_as(view_format));
     let [bounds_x, bounds_y, bounds_z] = surface.leap.packed();
     rec.dispatch(
         &kernel::Bindings {
             volume: surface.volume.sampled(),
-            field0: f0.sampled_as(surface.field_view),
-            field1: f1.sampled_as(surface.field_view),
-            field2: f2.sampled_as(surface.field_view),
-            field3: f3.sampled_as(surface.field_view),
+            field0,
+            field1,
+            field2,
+            field3,
+            bricks: surface.field.directory.sampled().as_nearest(),
             view: surface.shade,
             state,
             hit_distance: depth,
@@ -106,7 +104,7 @@ pub fn record(rec: &mut Recorder, surface: &Surface, view: &View, part: Part, st
         },
         &kernel::Spec {
             bands: surface.bands,
-            bits: surface.bits,
+            bits: surface.field.bits,
             lambert: u32::from(surface.shading == Shading::Lambert),
             skip: surface.leap.skip.into(),
             ..kernel::Spec::default()

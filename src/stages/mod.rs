@@ -1,6 +1,8 @@
 //! The straight line's stages, one file per kernel: the equation, `record()` for the device and `reference()`, the CPU
 //! twin in plain loops. `twin` and `directions` hold what they share.
 
+pub mod block_ranges;
+pub mod bricks;
 pub mod cells;
 pub mod classify;
 pub mod directions;
@@ -14,9 +16,11 @@ pub mod occupancy;
 pub mod pack;
 pub mod raymarch;
 pub mod relight;
+pub mod resolve;
 pub mod sweep;
 pub mod trace;
 pub mod twin;
+pub mod widen;
 
 use crate::scene::{Grid, Samples, Volume};
 use crate::vk;

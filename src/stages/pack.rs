@@ -32,11 +32,23 @@ pub fn formats(bands: u32, bits: u32) -> (Format, Format) {
     }
 }
 
-/// Records the packing of `run`'s cells; sums must be readable, the images ready for stores.
+/// Where coefficients are packed to.
+pub struct Packed<'a> {
+    /// Images of the groups, of [`Bricks`](super::bricks::Bricks).
+    pub images: [&'a Image; GROUPS],
+    /// The directory of the bricks.
+    pub directory: &'a Image,
+    /// Bits a coefficient.
+    pub bits: u32,
+}
+
+/// Records the packing of `run`'s cells, each sum times `weight` (4π/N for sums of V·Y over N directions); sums must be
+/// readable, the images ready for stores. Cells of bricks that are not held are left out.
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record(rec: &mut Recorder, run: &Run, bits: u32, images: [&Image; GROUPS]) -> Result<()> {
+pub fn record(rec: &mut Recorder, run: &Run, weight: f32, packed: &Packed) -> Result<()> {
+    let images = packed.images;
     rec.dispatch(
         &kernel::Bindings {
             cells: run.cells,
@@ -45,14 +57,10 @@ pub fn record(rec: &mut Recorder, run: &Run, bits: u32, images: [&Image; GROUPS]
             field1: images[1].storage(0),
             field2: images[2].storage(0),
             field3: images[3].storage(0),
+            bricks: packed.directory.sampled().as_nearest(),
         },
-        &kernel::Spec { bands: run.bands, bits },
-        &kernel::Params {
-            field_dims: dims_u32(run.field_dims),
-            cell_count: run.cell_count,
-            capacity: run.capacity,
-            weight: 4.0 * std::f32::consts::PI / run.pattern_size as f32,
-        },
+        &kernel::Spec { bands: run.bands, bits: packed.bits },
+        &kernel::Params { field_dims: dims_u32(run.field_dims), cell_count: run.cell_count, capacity: run.capacity, weight },
         [run.cell_count, 1, 1],
     )
 }

@@ -73,7 +73,8 @@ pub struct Part {
     pub step_length: f64,
 }
 
-/// Records one part. `irradiance` is the volume and the radiance that its unit stands for; `state` (rows × width vec4: radiance and optical depth) is read and written, the caller puts
+/// Records one part. `irradiance` is the volume, where it stands ([`relight::window`]), and the radiance that its unit
+/// stands for; `state` (rows × width vec4: radiance and optical depth) is read and written, the caller puts
 /// barriers on it.
 ///
 /// # Errors
@@ -81,13 +82,13 @@ pub struct Part {
 pub fn record(
     rec: &mut Recorder,
     medium: &MediumView,
-    irradiance: (&Image, f32),
+    irradiance: (&Image, &Buffer, f32),
     view: &View,
     part: Part,
     leap: Leap,
     state: &Buffer,
 ) -> Result<()> {
-    let (irradiance, light_scale) = irradiance;
+    let (irradiance, window, light_scale) = irradiance;
     let [bounds_x, bounds_y, bounds_z] = leap.packed();
     rec.dispatch(
         &kernel::Bindings {
@@ -97,6 +98,7 @@ pub fn record(
             irradiance: irradiance.sampled(),
             state,
             occupancy: leap.distances.sampled(),
+            window,
         },
         &kernel::Spec {
             skip: leap.skip.into(),

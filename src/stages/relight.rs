@@ -2,8 +2,9 @@
 //! isotropic medium of albedo 1. Both the dot product and interpolation are linear, so folding the light in first and
 //! filtering afterwards is exact. Alpha holds the mean visibility v₀₀/(2√π).
 
-use super::pack::GROUPS;
-use super::slab;
+use super::bricks::Bricks;
+use super::pack::{self, Packed};
+use super::{dims_u32, slab};
 use crate::error::Result;
 use crate::kernels::relight as kernel;
 use crate::vk::{Access, Buffer, Format, Image, Recorder};
@@ -16,20 +17,41 @@ pub fn format(grey: bool) -> Format {
     if grey { Format::Rg16Sfloat } else { Format::Rgba16Sfloat }
 }
 
-/// Records the irradiance ([`format`], dims of the field); `images` must be readable through `views`' format, `light` holds
-/// 16 vec4. `irradiance` must be ready for stores and is left as just written.
+/// Texels of the irradiance along x, y, z: the box around all bricks that are held. Bricks of its own would cost renderers
+/// a look-up for every sample and a border a brick; 4³ cells and a border are 6³.
+pub fn dims(bricks: &Bricks) -> [u32; 3] {
+    let [lo, hi] = bricks.window();
+    std::array::from_fn(|a| (hi[a] - lo[a]) as u32)
+}
+
+/// What brings normalised coordinates of the volume to those of the irradiance: scale and shift along x, y, z. Exactly 1
+/// and 0 where the box is the whole field.
+pub fn window(field_dims: [usize; 3], bricks: &Bricks) -> [[f32; 4]; 2] {
+    let [lo, hi] = bricks.window();
+    let mut window = [[0f32; 4]; 2];
+    for a in 0..3 {
+        let n = (hi[a] - lo[a]) as f64;
+        window[0][a] = (field_dims[a] as f64 / n) as f32;
+        window[1][a] = (-(lo[a] as f64) / n) as f32;
+    }
+    window
+}
+
+/// Records the irradiance ([`format`], [`dims`]) of a field of `field_dims` cells and `bands` bands; its images must be
+/// readable, `light` holds 16 vec4. `irradiance` must be ready for stores and is left as just written.
 ///
 /// # Errors
 /// What the recorder refuses.
 pub fn record(
     rec: &mut Recorder,
-    images: [&Image; GROUPS],
-    view: Format,
+    packed: &Packed,
+    (field_dims, bricks): ([usize; 3], &Bricks),
     light: &Buffer,
     irradiance: &Image,
     bands: u32,
-    bits: u32,
 ) -> Result<()> {
+    let (images, view) = (packed.images, pack::formats(bands, packed.bits).1);
+    let [corner_x, corner_y, corner_z] = dims_u32(bricks.window()[0]);
     let dims = irradiance.dims();
     let slices = slab(dims, CELLS);
     for first_slice in (0..dims[2]).step_by(slices as usize) {
@@ -45,9 +67,10 @@ pub fn record(
                 field3: images[3].sampled_as(view),
                 light,
                 irradiance: irradiance.storage(0),
+                bricks: packed.directory.sampled().as_nearest(),
             },
-            &kernel::Spec { bands, bits, grey: (irradiance.format() == format(true)).into() },
-            &kernel::Params { field_dims: dims, first_slice },
+            &kernel::Spec { bands, bits: packed.bits, grey: (irradiance.format() == format(true)).into() },
+            &kernel::Params { field_dims: dims_u32(field_dims), first_slice, corner_x, corner_y, corner_z },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;
     }

@@ -22,6 +22,9 @@ pub enum Access {
     HostRead,
     /// Written by the host.
     HostWrite,
+    /// In the hands of its owner, who is not us: of an image or buffer that the maker of the device lends. A barrier from here
+    /// takes it (and waits for the owner), a barrier to here gives it back (and tells the owner), once each.
+    Foreign,
 }
 
 /// Stage, access mask and image layout.
@@ -45,6 +48,8 @@ impl Access {
             Self::TransferWrite => (S::ALL_TRANSFER, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Self::HostRead => (S::HOST, A::HOST_READ, L::GENERAL),
             Self::HostWrite => (S::HOST, A::HOST_WRITE, L::GENERAL),
+            // Anything may have been done, or follow; the layout is the owner's.
+            Self::Foreign => (S::ALL_COMMANDS, A::MEMORY_READ | A::MEMORY_WRITE, L::UNDEFINED),
         };
         Meaning { stage, mask, layout }
     }
@@ -74,11 +79,15 @@ pub(super) enum Need {
     ImageLoadStore,
     /// Buffer set by a transfer.
     Fill,
+    /// Source of a copy.
+    CopyFrom,
+    /// Image that a copy writes.
+    CopyTo,
 }
 
 impl Need {
     fn writes(self) -> bool {
-        !matches!(self, Self::BufferRead | Self::Sample | Self::ImageLoad)
+        !matches!(self, Self::BufferRead | Self::Sample | Self::ImageLoad | Self::CopyFrom)
     }
 
     /// The access that a barrier must have announced.
@@ -87,7 +96,8 @@ impl Need {
             Self::BufferRead | Self::Sample => Access::ComputeRead,
             Self::BufferWrite | Self::ImageStore => Access::ComputeWrite,
             Self::BufferReadWrite | Self::ImageLoad | Self::ImageLoadStore => Access::ComputeReadWrite,
-            Self::Fill => Access::TransferWrite,
+            Self::Fill | Self::CopyTo => Access::TransferWrite,
+            Self::CopyFrom => Access::TransferRead,
         }
     }
 
@@ -99,7 +109,8 @@ impl Need {
             Self::Sample => access == ComputeRead,
             Self::ImageStore => matches!(access, ComputeWrite | ComputeReadWrite),
             Self::BufferReadWrite | Self::ImageLoad | Self::ImageLoadStore => access == ComputeReadWrite,
-            Self::Fill => access == Access::TransferWrite,
+            Self::Fill | Self::CopyTo => access == Access::TransferWrite,
+            Self::CopyFrom => access == Access::TransferRead,
         }
     }
 }
@@ -186,6 +197,13 @@ impl<'a> Resource<'a> {
     }
 }
 
+impl Barrier<'_> {
+    /// Whether it takes what is lent, or gives it back.
+    pub(super) fn changes_hands(&self) -> bool {
+        (self.from == Access::Foreign) != (self.to == Access::Foreign)
+    }
+}
+
 impl<'a> Half<'a> {
     /// The access that comes next.
     pub fn to(self, access: Access) -> Barrier<'a> {
@@ -211,6 +229,8 @@ mod tests {
             (Need::ImageStore, &[ComputeWrite, ComputeReadWrite]),
             (Need::ImageLoadStore, &[ComputeReadWrite]),
             (Need::Fill, &[TransferWrite, Access::None]),
+            (Need::CopyFrom, &[Access::TransferRead]),
+            (Need::CopyTo, &[TransferWrite]),
         ] {
             for access in [
                 Access::None,
@@ -221,6 +241,7 @@ mod tests {
                 TransferWrite,
                 Access::HostRead,
                 Access::HostWrite,
+                Access::Foreign,
             ] {
                 assert_eq!(served(access, need), right.contains(&access), "{need:?} after {access:?}");
             }

@@ -1,6 +1,7 @@
 //! Buffers: typed at the edge, bytes inside.
 
 use super::access::{State, Target};
+use super::foreign::Foreign;
 use super::raw::Raw;
 use super::{Access, Resource, failed, lock};
 use crate::error::{Error, Result};
@@ -22,8 +23,10 @@ pub struct Buffer {
 pub(super) struct BufferInner {
     pub raw: Arc<Raw>,
     pub handle: vk::Buffer,
-    // Nothing only while being dropped.
+    // Nothing only while being dropped, and in a buffer that is not ours.
     allocation: Option<Allocation>,
+    /// How it came and goes back, where it is not ours.
+    pub foreign: Option<Foreign>,
     counted: bool,
     pub name: String,
     pub bytes: u64,
@@ -34,7 +37,9 @@ impl Drop for BufferInner {
     fn drop(&mut self) {
         // SAFETY: recorders hold an `Arc` of this until their work is done; the buffer goes before its memory.
         unsafe {
-            self.raw.device.destroy_buffer(self.handle, None);
+            if self.foreign.is_none() {
+                self.raw.device.destroy_buffer(self.handle, None);
+            }
             if let Some(allocation) = self.allocation.take() {
                 self.raw.free(allocation, self.counted);
             }
@@ -55,8 +60,16 @@ impl BufferInner {
         let create = vk::BufferCreateInfo::default().size(bytes.next_multiple_of(4)).usage(usage);
         // SAFETY: the structure points at nothing else.
         let handle = unsafe { raw.device.create_buffer(&create, None) }.map_err(failed("vkCreateBuffer"))?;
-        let mut made =
-            Self { raw: raw.clone(), handle, allocation: None, counted, name: name.to_owned(), bytes, state: Mutex::new(State::FRESH) };
+        let mut made = Self {
+            raw: raw.clone(),
+            handle,
+            allocation: None,
+            foreign: None,
+            counted,
+            name: name.to_owned(),
+            bytes,
+            state: Mutex::new(State::FRESH),
+        };
         // SAFETY: the buffer is alive.
         let requirements = unsafe { raw.device.get_buffer_memory_requirements(handle) };
         let scheme = if bytes >= DEDICATED { AllocationScheme::DedicatedBuffer(handle) } else { AllocationScheme::GpuAllocatorManaged };
@@ -84,6 +97,21 @@ impl BufferInner {
 }
 
 impl Buffer {
+    /// A buffer of somebody else, for copies only.
+    pub(super) fn lent(raw: &Arc<Raw>, handle: vk::Buffer, name: &str, bytes: u64, foreign: Foreign) -> Self {
+        let inner = BufferInner {
+            raw: raw.clone(),
+            handle,
+            allocation: None,
+            foreign: Some(foreign),
+            counted: false,
+            name: name.to_owned(),
+            bytes,
+            state: Mutex::new(State::ready(Access::Foreign)),
+        };
+        Self { inner: Arc::new(inner) }
+    }
+
     pub(super) fn storage(raw: &Arc<Raw>, name: &str, bytes: u64) -> Result<Self> {
         if bytes == 0 {
             return Err(Error::Invalid {

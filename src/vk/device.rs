@@ -1,5 +1,6 @@
 //! The device: what makes buffers, images and recorders.
 
+use super::host::{HostDevice, Requirements};
 use super::kernel::Pipeline;
 use super::raw::Raw;
 use super::slot::Slot;
@@ -49,34 +50,9 @@ impl Drop for Shared {
     }
 }
 
-/// Features of the 1.0 list that the kernels use.
-pub(super) fn wanted_features() -> vk::PhysicalDeviceFeatures {
-    vk::PhysicalDeviceFeatures::default().shader_storage_image_extended_formats(true).shader_storage_image_write_without_format(true)
-}
-
 /// Names everything that is missing at once.
 pub(super) fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, info: &DeviceInfo) -> Result<()> {
-    let mut lacks = Vec::new();
-    let (major, minor, _) = info.api_version;
-    if (major, minor) < (1, 3) {
-        lacks.push(format!("Vulkan 1.3 (it has {major}.{minor})"));
-    } else {
-        let mut thirteen = vk::PhysicalDeviceVulkan13Features::default();
-        let mut all = vk::PhysicalDeviceFeatures2::default().push_next(&mut thirteen);
-        // SAFETY: the handle comes from this instance, and the device is of Vulkan 1.3.
-        unsafe { instance.get_physical_device_features2(physical, &mut all) };
-        let basic = all.features;
-        for (there, name) in [
-            (basic.shader_storage_image_extended_formats, "shaderStorageImageExtendedFormats"),
-            (basic.shader_storage_image_write_without_format, "shaderStorageImageWriteWithoutFormat"),
-            (thirteen.synchronization2, "synchronization2"),
-            (thirteen.maintenance4, "maintenance4"),
-        ] {
-            if there == vk::FALSE {
-                lacks.push(name.to_owned());
-            }
-        }
-    }
+    let lacks = Requirements::with_formats(&[]).lacks(instance, physical);
     if lacks.is_empty() { Ok(()) } else { Err(Error::DeviceLacks { device: info.name.clone(), lacks: lacks.join(", ") }) }
 }
 
@@ -90,7 +66,21 @@ impl Device {
         if let Some(threads) = options.threads {
             set_threads(threads)?;
         }
-        let raw = Arc::new(Raw::new(options)?);
+        Self::on(Raw::new(options)?, options)
+    }
+
+    /// Works on a device of the host, which it neither destroys nor waits for as a whole: of the host's it uses one queue, under
+    /// the host's lock. Runs one small kernel, as [`Device::new`] does.
+    ///
+    /// # Errors
+    /// [`Error::DeviceLacks`] naming what is missing or not enabled; [`Error::Invalid`] for handles and queues that cannot be, and
+    /// for [`Options::device`], `validation` and `threads`, which are the host's business.
+    pub fn import(host: &HostDevice, options: &Options) -> Result<Self> {
+        Self::on(Raw::import(host, options)?, options)
+    }
+
+    fn on(raw: Raw, options: &Options) -> Result<Self> {
+        let raw = Arc::new(raw);
         let cache_path = cache::path(options.pipeline_cache.as_deref(), &raw.info);
         let clock = Clock { period: f64::from(raw.limits.timestamp_period), bits: raw.timestamp_bits };
         // Filled step by step, so that a failure on the way drops what was made.
@@ -126,6 +116,11 @@ impl Device {
         self.0.loop_limit.get().copied().unwrap_or(u32::from(u16::MAX))
     }
 
+    /// The queue family that all work is submitted to.
+    pub fn queue_family(&self) -> u32 {
+        self.0.raw.family
+    }
+
     /// Device memory of buffers and images.
     pub fn memory(&self) -> Memory {
         self.0.raw.memory()
@@ -142,6 +137,12 @@ impl Device {
         // SAFETY: the device belongs to the instance.
         let found = unsafe { raw.instance.get_physical_device_format_properties(raw.physical, format.raw()) };
         found.optimal_tiling_features.contains(vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR)
+    }
+
+    /// What it lacks of these requirements, in words that follow "lacks".
+    pub fn lacking(&self, requirements: &Requirements) -> Option<String> {
+        let lacks = requirements.lacks(&self.0.raw.instance, self.0.raw.physical);
+        (!lacks.is_empty()).then(|| lacks.join(", "))
     }
 
     /// A buffer of `len` elements, contents undefined.

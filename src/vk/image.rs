@@ -1,6 +1,7 @@
 //! Three-dimensional images with levels, and the views of them that kernels bind.
 
 use super::access::{State, Target};
+use super::foreign::Foreign;
 use super::raw::Raw;
 use super::{Access, Format, Resource, failed, lock};
 use crate::error::{Error, Result};
@@ -36,8 +37,10 @@ pub struct Image {
 pub(super) struct ImageInner {
     pub raw: Arc<Raw>,
     pub handle: vk::Image,
-    // Nothing only while being dropped.
+    // Nothing only while being dropped, and in an image that is not ours.
     allocation: Option<Allocation>,
+    /// How it came and goes back, where it is not ours.
+    pub foreign: Option<Foreign>,
     pub name: String,
     dims: [u32; 3],
     levels: u32,
@@ -65,7 +68,9 @@ impl Drop for ImageInner {
             for view in lock(&self.views).values() {
                 self.raw.device.destroy_image_view(*view, None);
             }
-            self.raw.device.destroy_image(self.handle, None);
+            if self.foreign.is_none() {
+                self.raw.device.destroy_image(self.handle, None);
+            }
             if let Some(allocation) = self.allocation.take() {
                 self.raw.free(allocation, true);
             }
@@ -128,6 +133,25 @@ pub(super) fn range(base: u32, count: u32) -> vk::ImageSubresourceRange {
 }
 
 impl Image {
+    /// An image of somebody else, for copies only: it has no views.
+    pub(super) fn lent(raw: &Arc<Raw>, handle: vk::Image, name: &str, dims: [u32; 3], format: Format, foreign: Foreign) -> Self {
+        let inner = ImageInner {
+            raw: raw.clone(),
+            handle,
+            allocation: None,
+            foreign: Some(foreign),
+            name: name.to_owned(),
+            dims,
+            levels: 1,
+            format,
+            formats: Vec::new(),
+            storage: false,
+            views: Mutex::default(),
+            states: vec![Mutex::new(State::ready(Access::Foreign))],
+        };
+        Self { inner: Arc::new(inner) }
+    }
+
     pub(super) fn new(raw: &Arc<Raw>, desc: &ImageDesc<'_>) -> Result<Self> {
         let largest = desc.dims.iter().copied().max().unwrap_or(0);
         let deepest = u32::BITS - largest.leading_zeros();
@@ -195,6 +219,7 @@ impl Image {
             raw: raw.clone(),
             handle,
             allocation: None,
+            foreign: None,
             name: desc.name.to_owned(),
             dims: desc.dims,
             levels: desc.levels,

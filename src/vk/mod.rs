@@ -6,13 +6,18 @@
 #![deny(clippy::undocumented_unsafe_blocks)]
 
 mod access;
+mod barrier;
 mod buffer;
 mod cache;
 mod canary;
+mod copy;
 mod device;
+mod foreign;
 mod format;
+pub mod host;
 mod image;
 mod kernel;
+mod memory;
 mod raw;
 mod recorder;
 mod select;
@@ -24,14 +29,16 @@ mod transfer_image;
 
 pub use access::{Access, Barrier, Half, Resource};
 pub use buffer::Buffer;
+pub use copy::CopySpan;
 pub use device::Device;
 pub use format::Format;
 pub use image::{Image, ImageDesc, Sampled, Storage};
 pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, KernelInfo, Specialization};
-pub use raw::Memory;
+pub use memory::Memory;
 pub use recorder::Recorder;
 pub use select::{DeviceInfo, DeviceKind, Options, devices};
 pub use timing::Span;
+pub use transfer_image::Piece;
 
 use crate::error::Error;
 use ash::vk;

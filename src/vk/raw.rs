@@ -1,35 +1,25 @@
 //! Instance, logical device, queue and memory: what every other object keeps alive.
 
-use super::select::{self, DeviceInfo, DeviceKind, Options};
+use super::host::{Features, QueueLock};
+use super::memory::{Memory, allocator, default_budget};
+use super::select::{self, DeviceInfo, Options};
 use super::{failed, lock};
 use crate::error::{Error, Result};
 use ash::vk;
-use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use gpu_allocator::vulkan::Allocator;
 use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::sync::Mutex;
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Device memory of buffers and images, in bytes. The runtime's own staging (at most 64 MiB) is not counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Memory {
-    /// Held now.
-    pub used: u64,
-    /// Most ever held.
-    pub peak: u64,
-    /// Most that may be held.
-    pub budget: u64,
-}
-
 /// What the validation layers said.
-type Messages = Mutex<Vec<String>>;
+pub(super) type Messages = Mutex<Vec<String>>;
 
 /// The bottom of the pile. Dropped last, by whatever object goes last.
 pub(super) struct Raw {
-    // Held for its function pointers; the library stays loaded as long.
-    _entry: ash::Entry,
+    // Held for its function pointers; the library stays loaded as long. A host keeps its own.
+    _entry: Option<ash::Entry>,
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub device: ash::Device,
@@ -37,25 +27,42 @@ pub(super) struct Raw {
     pub limits: vk::PhysicalDeviceLimits,
     pub family: u32,
     pub timestamp_bits: u32,
-    /// One at a time may submit, and it waits inside: all device work is serialised here.
-    pub queue: Mutex<vk::Queue>,
+    /// One at a time may submit: all device work is serialised here.
+    pub queue: Mutex<Queue>,
+    /// Whether instance and device are ours to destroy.
+    owned: bool,
+    /// What is enabled.
+    pub features: Features,
+    /// Queue families that there are.
+    pub families: u32,
     pub names: Option<ash::ext::debug_utils::Device>,
     pub always_stage: bool,
     messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
     pub messages: Box<Messages>,
-    allocator: Mutex<ManuallyDrop<Allocator>>,
-    memory: Mutex<Memory>,
+    pub allocator: Mutex<ManuallyDrop<Allocator>>,
+    pub memory: Mutex<Memory>,
+}
+
+/// A queue, and who else wants it.
+#[derive(Clone, Copy)]
+pub(super) struct Queue {
+    pub handle: vk::Queue,
+    pub index: u32,
+    pub guard: Option<QueueLock>,
 }
 
 impl Drop for Raw {
     fn drop(&mut self) {
         // SAFETY: this is the last owner: every object made from the device held an `Arc` of this and is gone, and all submitted
-        // work was waited for. The order is the reverse of creation. The allocator is not used after it is taken.
+        // work was waited for by its fence (to wait for the whole device would need all queues of a host). The order is the
+        // reverse of creation. The allocator is not used after it is taken.
         unsafe {
-            let _ = self.device.device_wait_idle();
             let allocator = self.allocator.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
             ManuallyDrop::drop(allocator);
+            if !self.owned {
+                return;
+            }
             self.device.destroy_device(None);
             if let Some((ext, messenger)) = self.messenger.take() {
                 ext.destroy_debug_utils_messenger(messenger, None);
@@ -121,23 +128,7 @@ impl Raw {
         let messages: Box<Messages> = Box::default();
         let made = Self::on_instance(&entry, &instance, options, debug, &messages);
         match made {
-            Ok(parts) => Ok(Self {
-                _entry: entry,
-                instance,
-                physical: parts.physical,
-                device: parts.device,
-                info: parts.info,
-                limits: parts.limits,
-                family: parts.family,
-                timestamp_bits: parts.timestamp_bits,
-                queue: Mutex::new(parts.queue),
-                names: parts.names,
-                always_stage: options.always_stage,
-                messenger: parts.messenger,
-                messages,
-                allocator: Mutex::new(ManuallyDrop::new(parts.allocator)),
-                memory: Mutex::new(Memory { used: 0, peak: 0, budget: parts.budget }),
-            }),
+            Ok(parts) => Ok(Self::of_parts(Some(entry), instance, parts, true, options.always_stage, messages)),
             Err(error) => {
                 // SAFETY: `on_instance` has undone what it made.
                 unsafe { instance.destroy_instance(None) };
@@ -179,110 +170,70 @@ impl Raw {
 
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
-        let features = super::device::wanted_features();
-        let mut thirteen = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).maintenance4(true);
+        let features = Features::REQUIRED.basic();
+        let mut thirteen = Features::REQUIRED.thirteen();
         let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut thirteen);
         // SAFETY: all pointers of `create` live until the call returns; the features were checked to exist.
         let device = unsafe { instance.create_device(physical, &create, None) }.map_err(|e| undo(failed("vkCreateDevice")(e)))?;
-        let allocator = Allocator::new(&AllocatorCreateDesc {
-            instance: instance.clone(),
-            device: device.clone(),
-            physical_device: physical,
-            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
-            buffer_device_address: false,
-            // Volumes have memory of their own; the rest is small.
-            allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 32 << 20),
-        })
-        .map_err(|e| {
+        let allocator = allocator(instance, &device, physical).map_err(|e| {
             // SAFETY: made above, nothing was made from it.
             unsafe { device.destroy_device(None) };
-            undo(Error::Vulkan { call: "the allocator's start", result: e.to_string() })
+            undo(e)
         })?;
         // SAFETY: the queue was asked for above.
-        let queue = unsafe { device.get_device_queue(family, 0) };
+        let queue = Queue { handle: unsafe { device.get_device_queue(family, 0) }, index: 0, guard: None };
         let names = debug.then(|| ash::ext::debug_utils::Device::new(instance, &device));
         let budget = options.memory_budget.unwrap_or_else(|| default_budget(&info));
         let timestamp_bits = families.get(family as usize).map_or(0, |f| f.timestamp_valid_bits);
-        Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget })
+        let features = Features::REQUIRED;
+        let families = families.len() as u32;
+        Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget, features, families })
     }
 
-    pub(super) fn memory(&self) -> Memory {
-        *lock(&self.memory)
+    pub(super) fn of_parts(
+        entry: Option<ash::Entry>,
+        instance: ash::Instance,
+        parts: Parts,
+        owned: bool,
+        always_stage: bool,
+        messages: Box<Messages>,
+    ) -> Self {
+        Self {
+            _entry: entry,
+            instance,
+            physical: parts.physical,
+            device: parts.device,
+            info: parts.info,
+            limits: parts.limits,
+            family: parts.family,
+            timestamp_bits: parts.timestamp_bits,
+            queue: Mutex::new(parts.queue),
+            owned,
+            features: parts.features,
+            families: parts.families,
+            names: parts.names,
+            always_stage,
+            messenger: parts.messenger,
+            messages,
+            allocator: Mutex::new(ManuallyDrop::new(parts.allocator)),
+            memory: Mutex::new(Memory { used: 0, peak: 0, budget: parts.budget }),
+        }
     }
 
-    /// Takes `bytes` from the budget.
-    fn reserve(&self, what: &str, bytes: u64) -> Result<()> {
-        let mut memory = lock(&self.memory);
-        let free = memory.budget.saturating_sub(memory.used);
-        if bytes > free {
-            return Err(Error::OutOfMemory {
-                what: what.to_owned(),
-                needs: bytes,
-                free,
-                budget: memory.budget,
-                right: String::from("ask for less, free what is not needed, or raise the memory budget"),
-            });
+    /// Hands work to the queue; a host's lock is held around this alone.
+    pub(super) fn submit(&self, submits: &[vk::SubmitInfo2<'_>], fence: vk::Fence) -> ash::prelude::VkResult<()> {
+        let queue = lock(&self.queue);
+        if let Some(guard) = &queue.guard {
+            // SAFETY: promised to `HostDevice::new`.
+            unsafe { (guard.lock)(guard.user, self.family, queue.index) };
         }
-        memory.used += bytes;
-        memory.peak = memory.peak.max(memory.used);
-        Ok(())
-    }
-
-    fn release(&self, bytes: u64) {
-        let mut memory = lock(&self.memory);
-        memory.used = memory.used.saturating_sub(bytes);
-    }
-
-    /// Memory for a buffer or an image, inside the budget if `counted`.
-    pub(super) fn allocate(
-        &self,
-        name: &str,
-        requirements: vk::MemoryRequirements,
-        location: MemoryLocation,
-        linear: bool,
-        scheme: AllocationScheme,
-        counted: bool,
-    ) -> Result<Allocation> {
-        if requirements.size > self.info.max_allocation {
-            return Err(Error::OutOfMemory {
-                what: format!("'{name}'"),
-                needs: requirements.size,
-                free: self.info.max_allocation,
-                budget: self.info.max_allocation,
-                right: String::from("the device allows no larger single allocation (maxMemoryAllocationSize): make it smaller or split it"),
-            });
+        // SAFETY: the queue is ours while the lock is held; the slot that calls answers for commands and fence.
+        let result = unsafe { self.device.queue_submit2(queue.handle, submits, fence) };
+        if let Some(guard) = &queue.guard {
+            // SAFETY: as above.
+            unsafe { (guard.unlock)(guard.user, self.family, queue.index) };
         }
-        if counted {
-            self.reserve(&format!("'{name}'"), requirements.size)?;
-        }
-        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
-        let made = lock(&self.allocator).allocate(&desc);
-        made.map_err(|e| {
-            if counted {
-                self.release(requirements.size);
-            }
-            let memory = self.memory();
-            Error::OutOfMemory {
-                what: format!("'{name}' ({e})"),
-                needs: requirements.size,
-                free: memory.budget.saturating_sub(memory.used),
-                budget: memory.budget,
-                right: String::from("the device gave none although the budget allows it: lower the budget or ask for less"),
-            }
-        })
-    }
-
-    /// Gives memory back.
-    ///
-    /// # Safety
-    /// No living object is bound to it.
-    pub(super) unsafe fn free(&self, allocation: Allocation, counted: bool) {
-        if counted {
-            self.release(allocation.size());
-        }
-        if let Err(e) = lock(&self.allocator).free(allocation) {
-            log::warn!("device memory was not freed: {e}");
-        }
+        result
     }
 
     /// Gives an object its name in validation messages and captures.
@@ -295,19 +246,21 @@ impl Raw {
     }
 }
 
-/// What [`Raw::on_instance`] makes.
-struct Parts {
-    physical: vk::PhysicalDevice,
-    device: ash::Device,
-    info: DeviceInfo,
-    limits: vk::PhysicalDeviceLimits,
-    family: u32,
-    timestamp_bits: u32,
-    queue: vk::Queue,
-    names: Option<ash::ext::debug_utils::Device>,
-    messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    allocator: Allocator,
-    budget: u64,
+/// What differs between a device of ours and a host's.
+pub(super) struct Parts {
+    pub physical: vk::PhysicalDevice,
+    pub device: ash::Device,
+    pub info: DeviceInfo,
+    pub limits: vk::PhysicalDeviceLimits,
+    pub family: u32,
+    pub timestamp_bits: u32,
+    pub queue: Queue,
+    pub names: Option<ash::ext::debug_utils::Device>,
+    pub messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    pub allocator: Allocator,
+    pub budget: u64,
+    pub features: Features,
+    pub families: u32,
 }
 
 /// A family of compute queues; one without graphics is preferred: it keeps a desktop's own work apart.
@@ -316,25 +269,6 @@ fn compute_family(families: &[vk::QueueFamilyProperties]) -> Option<u32> {
     let all: Vec<_> = families.iter().enumerate().collect();
     let alone = all.iter().filter(compute).find(|f| !f.1.queue_flags.contains(vk::QueueFlags::GRAPHICS));
     alone.or_else(|| all.iter().find(compute)).and_then(|f| u32::try_from(f.0).ok())
-}
-
-/// 80 % of the device's heap. A CPU device shares the machine's memory and its heap size means little (lavapipe overcommits until
-/// the kernel kills): 60 % of what is available.
-fn default_budget(info: &DeviceInfo) -> u64 {
-    let heap = info.heap_bytes / 5 * 4;
-    match (info.kind, available_memory()) {
-        (DeviceKind::Cpu, Some(bytes)) => bytes / 5 * 3,
-        _ => heap,
-    }
-}
-
-/// Bytes of main memory that are available, where the system says so; a container's limit counts.
-fn available_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-    let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
-    let limit = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok()).unwrap_or(u64::MAX);
-    Some(kib.saturating_mul(1024).min(limit))
 }
 
 /// Keeps what a validation layer says.

@@ -1,11 +1,13 @@
 //! Records dispatches and the barriers between them, and keeps the ledger.
 
-use super::access::{Meaning, Need, State, Target};
+use super::access::{Need, State};
 use super::buffer::BufferInner;
-use super::image::{ImageInner, range};
+use super::foreign::{Foreign, Semaphores, ours};
+use super::image::ImageInner;
 use super::kernel::BindingInfo;
+use super::raw::Raw;
 use super::slot::Slot;
-use super::{Access, Barrier, Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
+use super::{Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::collections::HashMap;
@@ -19,31 +21,35 @@ use std::sync::{Arc, Mutex};
 /// the resource was written since the last barrier, or if it would be written after a read. It never inserts a barrier by itself.
 pub struct Recorder {
     // Dropped in this order: pending work is waited for, then what it used may go.
-    slot: Slot,
-    ledger: HashMap<(usize, u32), Entry>,
-    device: Device,
+    pub(super) slot: Slot,
+    pub(super) ledger: HashMap<(usize, u32), Entry>,
+    pub(super) device: Device,
     /// The first wrong barrier; told at the next call that can fail.
-    wrong: Option<Error>,
+    pub(super) wrong: Option<Error>,
     /// Kernel of each pair of timestamps.
     dispatched: Vec<&'static str>,
+    /// What comes with borrowed resources that are taken or given back here.
+    pub(super) semaphores: Semaphores,
 }
 
 /// One buffer or image level that this recorder touched.
-struct Entry {
+pub(super) struct Entry {
     // Keeps the resource alive until the work is done.
     kept: Kept,
     before: State,
-    now: State,
+    pub now: State,
+    /// Whether it went back to its owner in this recording.
+    pub given_back: bool,
 }
 
 #[derive(Clone)]
-enum Kept {
+pub(super) enum Kept {
     Buffer(Arc<BufferInner>),
     Image(Arc<ImageInner>, u32),
 }
 
 impl Kept {
-    fn key(&self) -> (usize, u32) {
+    pub(super) fn key(&self) -> (usize, u32) {
         match self {
             Self::Buffer(b) => (Arc::as_ptr(b) as usize, 0),
             Self::Image(i, level) => (Arc::as_ptr(i) as usize, *level),
@@ -58,7 +64,21 @@ impl Kept {
         }
     }
 
-    fn describe(&self) -> String {
+    pub(super) fn foreign(&self) -> Option<&Foreign> {
+        match self {
+            Self::Buffer(b) => b.foreign.as_ref(),
+            Self::Image(i, _) => i.foreign.as_ref(),
+        }
+    }
+
+    fn raw(&self) -> &Arc<Raw> {
+        match self {
+            Self::Buffer(b) => &b.raw,
+            Self::Image(i, _) => &i.raw,
+        }
+    }
+
+    pub(super) fn describe(&self) -> String {
         match self {
             Self::Buffer(b) => format!("buffer '{}'", b.name),
             Self::Image(i, level) => format!("image '{}' level {level}", i.name),
@@ -69,7 +89,14 @@ impl Kept {
 impl Recorder {
     pub(super) fn new(device: &Device) -> Result<Self> {
         let slot = device.slot()?;
-        Ok(Self { device: device.clone(), slot, ledger: HashMap::new(), wrong: None, dispatched: Vec::new() })
+        Ok(Self {
+            device: device.clone(),
+            slot,
+            ledger: HashMap::new(),
+            wrong: None,
+            dispatched: Vec::new(),
+            semaphores: Semaphores::default(),
+        })
     }
 
     /// Runs a kernel over `threads` invocations, rounded up to whole work groups: the kernel checks its bounds.
@@ -129,49 +156,6 @@ impl Recorder {
         Ok(())
     }
 
-    /// Makes what was done before visible to what comes next. A `from` that is not the last access on record is told as
-    /// [`Error::Hazard`] by the next dispatch or by the submission.
-    pub fn barrier(&mut self, barriers: &[Barrier<'_>]) {
-        let mut buffers = Vec::new();
-        let mut images = Vec::new();
-        for barrier in barriers {
-            if barrier.to == Access::None {
-                self.wrong.get_or_insert_with(|| Error::Invalid {
-                    item: "barrier",
-                    what: String::from("leads to no access"),
-                    right: String::from("name the access that comes next"),
-                });
-                continue;
-            }
-            match barrier.resource.target {
-                Target::Buffer(buffer) => {
-                    self.pass(&Kept::Buffer(buffer.inner.clone()), barrier);
-                    buffers.push(buffer_barrier(buffer.inner.handle, barrier.from.meaning(false), barrier.to.meaning(false)));
-                }
-                Target::Image { image, base, count } => {
-                    if base.saturating_add(count) > image.levels() {
-                        self.wrong.get_or_insert_with(|| Error::Invalid {
-                            item: "image level",
-                            what: format!("a barrier names level {base} of image '{}'", image.name()),
-                            right: format!("it has {} levels", image.levels()),
-                        });
-                        continue;
-                    }
-                    for level in base..base + count {
-                        self.pass(&Kept::Image(image.inner.clone(), level), barrier);
-                    }
-                    images.push(image_barrier(image.inner.handle, base, count, barrier.from.meaning(true), barrier.to.meaning(true)));
-                }
-            }
-        }
-        let info = vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
-        // A recording with a wrong barrier is never submitted.
-        if self.wrong.is_none() {
-            // SAFETY: the command buffer is in recording; the resources are kept alive by the ledger.
-            unsafe { self.device.0.raw.device.cmd_pipeline_barrier2(self.slot.commands, &info) };
-        }
-    }
-
     /// Sets all words of a buffer. Its last access must be announced as [`Access::TransferWrite`], or it must be new.
     ///
     /// # Errors
@@ -180,6 +164,7 @@ impl Recorder {
         if let Some(error) = self.wrong.take() {
             return Err(error);
         }
+        ours(buffer.inner.foreign.as_ref(), &buffer.inner.name)?;
         let kept = Kept::Buffer(buffer.inner.clone());
         let entry = self.entry(&kept);
         let had = entry.now;
@@ -217,10 +202,13 @@ impl Recorder {
             }
         }
         let during = self.dispatched.last().map_or_else(|| String::from("barriers"), |k| format!("kernel '{k}'"));
-        self.slot.submit(&during)?;
+        self.slot.submit(&during, &self.semaphores)?;
         self.slot.wait(&during)?;
         for entry in self.ledger.values() {
             *lock(entry.kept.state()) = entry.now;
+            if let Some(foreign) = entry.kept.foreign().filter(|_| entry.given_back) {
+                foreign.note_given_back();
+            }
         }
         let clock = self.device.0.clock;
         let ticks = if clock.timed() { self.slot.timestamps()? } else { Vec::new() };
@@ -250,26 +238,48 @@ impl Recorder {
     }
 
     /// The ledger's entry of a resource, as this recorder sees it.
-    fn entry(&mut self, kept: &Kept) -> &mut Entry {
+    pub(super) fn entry(&mut self, kept: &Kept) -> &mut Entry {
         self.ledger.entry(kept.key()).or_insert_with(|| {
             let state = *lock(kept.state());
-            Entry { kept: kept.clone(), before: state, now: state }
+            Entry { kept: kept.clone(), before: state, now: state, given_back: false }
         })
     }
 
-    /// A barrier passes over one resource.
-    fn pass(&mut self, kept: &Kept, barrier: &Barrier<'_>) {
-        let entry = self.entry(kept);
-        let had = entry.now;
-        entry.now = State::ready(barrier.to);
-        if had.access != barrier.from {
-            self.wrong.get_or_insert_with(|| Error::Hazard {
-                kernel: "barrier",
-                binding: "from",
-                had: format!("{} of {}", had.describe(), kept.describe()),
-                needs: format!("{:?}, as this barrier says", barrier.from),
-            });
+    /// Enters a copy, both ends or none.
+    pub(super) fn enter_copy(&mut self, from: &Kept, reads: Need, to: &Kept, writes: Need) -> Result<()> {
+        if let Some(error) = self.wrong.take() {
+            return Err(error);
         }
+        let mut entered: Option<(&Kept, State)> = None;
+        for (kept, need, binding) in [(from, reads, "from"), (to, writes, "to")] {
+            if !Arc::ptr_eq(kept.raw(), &self.device.0.raw) {
+                return Err(Error::Invalid {
+                    item: "copy",
+                    what: format!("{} belongs to another device", kept.describe()),
+                    right: String::from("make it on this recorder's device"),
+                });
+            }
+            let had = self.entry(kept).now;
+            let Some(after) = had.after(need) else {
+                if let Some((kept, had)) = entered {
+                    self.entry(kept).now = had;
+                }
+                return Err(Error::Hazard {
+                    kernel: "copy",
+                    binding,
+                    had: format!("{} of {}", had.describe(), kept.describe()),
+                    needs: format!("{:?}", need.access()),
+                });
+            };
+            self.entry(kept).now = after;
+            entered = Some((kept, had));
+        }
+        Ok(())
+    }
+
+    /// Where commands are recorded.
+    pub(super) fn commands(&self) -> (&ash::Device, vk::CommandBuffer) {
+        (&self.device.0.raw.device, self.slot.commands)
     }
 
     /// Enters a dispatch's accesses, all or none.
@@ -308,6 +318,7 @@ impl Recorder {
         use super::BindingKind::{SampledImage, StorageBuffer, StorageImage, UniformBuffer};
         let (raw, kept) = match (info.kind, bound) {
             (StorageBuffer | UniformBuffer, Bound::Buffer(b)) => {
+                ours(b.inner.foreign.as_ref(), &b.inner.name)?;
                 let most = u64::from(self.device.0.raw.limits.max_uniform_buffer_range);
                 if info.kind == UniformBuffer && b.inner.bytes > most {
                     return Err(invalid(
@@ -378,30 +389,4 @@ impl Recorder {
 
 fn invalid(kernel: &KernelInfo, what: String, right: String) -> Error {
     Error::Invalid { item: "dispatch", what: format!("kernel '{}': {what}", kernel.name), right }
-}
-
-pub(super) fn buffer_barrier(handle: vk::Buffer, from: Meaning, to: Meaning) -> vk::BufferMemoryBarrier2<'static> {
-    vk::BufferMemoryBarrier2::default()
-        .src_stage_mask(from.stage)
-        .src_access_mask(from.mask)
-        .dst_stage_mask(to.stage)
-        .dst_access_mask(to.mask)
-        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .buffer(handle)
-        .size(vk::WHOLE_SIZE)
-}
-
-pub(super) fn image_barrier(handle: vk::Image, base: u32, count: u32, from: Meaning, to: Meaning) -> vk::ImageMemoryBarrier2<'static> {
-    vk::ImageMemoryBarrier2::default()
-        .src_stage_mask(from.stage)
-        .src_access_mask(from.mask)
-        .dst_stage_mask(to.stage)
-        .dst_access_mask(to.mask)
-        .old_layout(from.layout)
-        .new_layout(to.layout)
-        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .image(handle)
-        .subresource_range(range(base, count))
 }

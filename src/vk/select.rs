@@ -102,7 +102,7 @@ pub(super) fn physical(instance: &ash::Instance) -> Result<Vec<(vk::PhysicalDevi
     Ok(handles.into_iter().enumerate().map(|(index, handle)| (handle, describe(instance, handle, index))).collect())
 }
 
-fn describe(instance: &ash::Instance, handle: vk::PhysicalDevice, index: usize) -> DeviceInfo {
+pub(super) fn describe(instance: &ash::Instance, handle: vk::PhysicalDevice, index: usize) -> DeviceInfo {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut id = vk::PhysicalDeviceIDProperties::default();
     let mut maintenance = vk::PhysicalDeviceMaintenance3Properties::default();

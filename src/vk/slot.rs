@@ -1,7 +1,8 @@
 //! What one recording needs of the device: a command buffer, a fence, descriptor and query pools. Reused from one to the next.
 
+use super::failed;
+use super::foreign::{Semaphores, submit_infos};
 use super::raw::Raw;
-use super::{failed, lock};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::sync::Arc;
@@ -92,16 +93,15 @@ impl Slot {
     }
 
     /// Ends the recording and hands it to the queue.
-    pub(super) fn submit(&mut self, during: &str) -> Result<()> {
+    pub(super) fn submit(&mut self, during: &str, semaphores: &Semaphores) -> Result<()> {
         let device = &self.raw.device;
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
-        let submits = [vk::SubmitInfo2::default().command_buffer_infos(&commands)];
-        // SAFETY: the command buffer is in recording; the fence is unsignalled and belongs to this slot; the queue is locked.
-        unsafe {
-            device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
-            let queue = lock(&self.raw.queue);
-            device.queue_submit2(*queue, &submits, self.fence).map_err(|e| lost(during, "vkQueueSubmit2", e))?;
-        }
+        let (waits, signals) = (submit_infos(&semaphores.waits), submit_infos(&semaphores.signals));
+        let submit = vk::SubmitInfo2::default().command_buffer_infos(&commands);
+        let submits = [submit.wait_semaphore_infos(&waits).signal_semaphore_infos(&signals)];
+        // SAFETY: the command buffer is in recording.
+        unsafe { device.end_command_buffer(self.commands) }.map_err(failed("vkEndCommandBuffer"))?;
+        self.raw.submit(&submits, self.fence).map_err(|e| lost(during, "vkQueueSubmit2", e))?;
         self.pending = true;
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! Staging: a small buffer that host and device both see, in two halves. While the device empties one, the host fills the other.
 
 use super::buffer::BufferInner;
+use super::foreign::Semaphores;
 use super::raw::Raw;
 use super::slot::Slot;
 use crate::error::{Error, Result};
@@ -53,7 +54,7 @@ impl Ring {
 
     /// Hands over the half at `offset`.
     pub(super) fn submit(&mut self, offset: usize) -> Result<()> {
-        self.slots[offset / HALF].submit("a copy")
+        self.slots[offset / HALF].submit("a copy", &Semaphores::default())
     }
 
     /// The bytes of a half that [`Ring::begin`] gave.

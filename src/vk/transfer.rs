@@ -1,9 +1,10 @@
 //! Buffers in and out: directly where the host sees the device's memory, else through staging.
 
 use super::access::{State, Used};
+use super::barrier::buffer_barrier;
 use super::buffer::BufferInner;
+use super::foreign::{Semaphores, ours};
 use super::raw::Raw;
-use super::recorder::buffer_barrier;
 use super::staging::{HALF, ring};
 use super::{Access, Buffer, Device, lock};
 use crate::error::{Error, Result};
@@ -137,7 +138,7 @@ impl Device {
         }
         let mut slot = self.slot()?;
         pipeline_barrier(&self.0.raw, slot.commands, &[buffer_barrier(inner.handle, state.access.meaning(false), far)], &[]);
-        slot.submit("a barrier")?;
+        slot.submit("a barrier", &Semaphores::default())?;
         slot.wait("a barrier")?;
         lock(&self.0.slots).push(slot);
         Ok(())
@@ -156,6 +157,7 @@ pub(super) fn pipeline_barrier(
 }
 
 fn check_range(inner: &BufferInner, bytes: u64) -> Result<()> {
+    ours(inner.foreign.as_ref(), &inner.name)?;
     if bytes <= inner.bytes {
         return Ok(());
     }

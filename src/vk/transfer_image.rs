@@ -1,8 +1,9 @@
 //! Texels in and out, in pieces of one staging half.
 
 use super::access::{Access, State};
+use super::barrier::{buffer_barrier, image_barrier};
+use super::foreign::ours;
 use super::image::ImageInner;
-use super::recorder::{buffer_barrier, image_barrier};
 use super::staging::{HALF, ring};
 use super::transfer::{pipeline_barrier, written, zeroed};
 use super::{Device, Image, lock};
@@ -35,7 +36,7 @@ impl Device {
             // SAFETY: the region lies inside the level and the half; both outlive the wait below.
             unsafe {
                 let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
-                let region = [walk.region(part, level, offset)];
+                let region = [part.copy(level, offset)];
                 raw.device.cmd_copy_buffer_to_image(commands, ring.buffer.handle, inner.handle, layout, &region);
             }
             if i == last {
@@ -83,7 +84,7 @@ impl Device {
             // SAFETY: the region lies inside the level and the half; both outlive the wait below.
             unsafe {
                 let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
-                let region = [walk.region(part, level, offset)];
+                let region = [part.copy(level, offset)];
                 raw.device.cmd_copy_image_to_buffer(commands, inner.handle, layout, ring.buffer.handle, &region);
             }
             let host = buffer_barrier(ring.buffer.handle, Access::TransferWrite.meaning(false), Access::HostRead.meaning(false));
@@ -103,51 +104,50 @@ impl Device {
 /// How a level is cut into pieces of one staging half.
 struct Walk {
     dims: [u32; 3],
-    /// Bytes of a row and of a slice.
+    /// Bytes of a texel, a row and a slice.
+    texel: usize,
     row: usize,
     slice: usize,
 }
 
-/// Whole slices, or rows of one slice.
-struct Part {
-    y: u32,
-    z: u32,
-    rows: u32,
-    slices: u32,
+/// Whole slices, or rows of one slice, of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Piece {
+    /// Texels of each row, from the first on.
+    pub x: u32,
+    /// First row.
+    pub y: u32,
+    /// First slice.
+    pub z: u32,
+    /// Rows.
+    pub rows: u32,
+    /// Slices.
+    pub slices: u32,
 }
 
-impl Walk {
-    fn new(image: &Image, level: u32) -> Result<Self> {
-        let inner: &ImageInner = &image.inner;
-        if level >= image.levels() {
-            return Err(Error::Invalid {
-                item: "image level",
-                what: format!("'{}' has no level {level}", inner.name),
-                right: format!("it has {} levels", image.levels()),
-            });
+impl Piece {
+    /// Cuts `dims` texels into pieces of at most `texels`, or of one row where that is more.
+    pub fn cut(dims: [u32; 3], texels: u64) -> Vec<Self> {
+        let [x, height, depth] = dims;
+        let slice = u64::from(x) * u64::from(height);
+        let step = |unit: u64, most: u32| (texels / unit.max(1)).clamp(1, u64::from(most.max(1))) as u32;
+        if slice <= texels {
+            let step = step(slice, depth);
+            return (0..depth).step_by(step as usize).map(|z| Self { x, y: 0, z, rows: height, slices: step.min(depth - z) }).collect();
         }
-        let dims = inner.level_dims(level);
-        let row = dims[0] as usize * inner.format.bytes() as usize;
-        Ok(Self { dims, row, slice: row * dims[1] as usize })
-    }
-
-    fn parts(&self) -> Vec<Part> {
-        let [_, height, depth] = self.dims;
-        if self.slice <= HALF {
-            let step = (HALF / self.slice) as u32;
-            return (0..depth).step_by(step as usize).map(|z| Part { y: 0, z, rows: height, slices: step.min(depth - z) }).collect();
-        }
-        let step = ((HALF / self.row) as u32).max(1);
+        let step = step(u64::from(x), height);
         (0..depth)
-            .flat_map(|z| (0..height).step_by(step as usize).map(move |y| Part { y, z, rows: step.min(height - y), slices: 1 }))
+            .flat_map(|z| (0..height).step_by(step as usize).map(move |y| Self { x, y, z, rows: step.min(height - y), slices: 1 }))
             .collect()
     }
 
-    fn bytes(&self, part: &Part) -> usize {
-        self.row * part.rows as usize * part.slices as usize
+    /// Texels.
+    pub fn texels(&self) -> u64 {
+        u64::from(self.x) * u64::from(self.rows) * u64::from(self.slices)
     }
 
-    fn region(&self, part: &Part, level: u32, offset: usize) -> vk::BufferImageCopy {
+    /// The copy between a level and a buffer from `offset` on.
+    pub(super) fn copy(&self, level: u32, offset: usize) -> vk::BufferImageCopy {
         vk::BufferImageCopy {
             buffer_offset: offset as u64,
             buffer_row_length: 0,
@@ -159,8 +159,34 @@ impl Walk {
                 layer_count: 1,
             },
             // An image edge has 2^31 texels at most.
-            image_offset: vk::Offset3D { x: 0, y: part.y as i32, z: part.z as i32 },
-            image_extent: vk::Extent3D { width: self.dims[0], height: part.rows, depth: part.slices },
+            image_offset: vk::Offset3D { x: 0, y: self.y as i32, z: self.z as i32 },
+            image_extent: vk::Extent3D { width: self.x, height: self.rows, depth: self.slices },
         }
+    }
+}
+
+impl Walk {
+    fn new(image: &Image, level: u32) -> Result<Self> {
+        let inner: &ImageInner = &image.inner;
+        ours(inner.foreign.as_ref(), &inner.name)?;
+        if level >= image.levels() {
+            return Err(Error::Invalid {
+                item: "image level",
+                what: format!("'{}' has no level {level}", inner.name),
+                right: format!("it has {} levels", image.levels()),
+            });
+        }
+        let dims = inner.level_dims(level);
+        let texel = inner.format.bytes() as usize;
+        let row = dims[0] as usize * texel;
+        Ok(Self { dims, texel, row, slice: row * dims[1] as usize })
+    }
+
+    fn parts(&self) -> Vec<Piece> {
+        Piece::cut(self.dims, (HALF / self.texel) as u64)
+    }
+
+    fn bytes(&self, part: &Piece) -> usize {
+        self.row * part.rows as usize * part.slices as usize
     }
 }
