@@ -32,7 +32,7 @@ use std::time::Instant;
 
 pub use csv::points_csv;
 pub use figures::record;
-pub use histogram::histogram_svg;
+pub use histogram::{histogram_png, histogram_svg};
 pub use html::report_html;
 pub use report::{FieldPoint, FramePoint, Level, Reference, Report, Saving, Shown, StabilityRow, SubjectReport, Timing};
 

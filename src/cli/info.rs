@@ -101,11 +101,11 @@ fn guess(report: &mut Report, info: &VolumeInfo) {
 fn plot(report: &mut Report, m: &ArgMatches, scene: &Scene, info: &VolumeInfo) -> Result<(), Failure> {
     let Some(path) = m.get_one::<std::path::PathBuf>("plot") else { return Ok(()) };
     let name = scene.volume.file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let svg = chart::histogram_svg(&name, info, &io::guess_transfer(info));
+    let points = io::guess_transfer(info);
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let bytes = match extension.as_str() {
-        "svg" => svg.into_bytes(),
-        "png" => chart::png(&svg, 1.5)?,
+        "svg" => chart::histogram_svg(&name, info, &points)?.into_bytes(),
+        "png" => chart::histogram_png(&name, info, &points)?,
         _ => return Err(Failure::usage(format!("--plot {}: it must end in .png or .svg", shown(path)))),
     };
     io::write_aside(path, |out| out.write_all(&bytes).map_err(|source| Error::Io { path: path.clone(), action: "write", source }))?;
