@@ -45,8 +45,17 @@ pub fn command() -> Command {
             Command::new("info")
                 .about("Describe a volume, a light probe, a visibility field or a scene")
                 .arg(
-                    path("file", "FILE", "NRRD, NIfTI or headerless volume, probe (.hdr, .exr), field (.nrrd), or scene (.toml)")
-                        .required(true),
+                    path(
+                        "file",
+                        "FILE",
+                        "volume (NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, DICOM file or folder, 'slice_####.tif', headerless), probe \
+                         (.hdr, .exr), field (.nrrd), or scene (.toml)",
+                    )
+                    .required(true),
+                )
+                .arg(
+                    path("plot", "FILE", "also draw a volume's histogram, and a first guess of a transfer function (.png or .svg)")
+                        .long("plot"),
                 )
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),

@@ -130,7 +130,7 @@ pub(super) fn read(path: &Path) -> Result<Elements> {
         return Err(io(path, "read", e));
     }
     let marked = is_start(&head[..n]);
-    if !marked && !(n >= 8 && matches!(head[..4], [2 | 8, 0, _, 0])) {
+    if !(marked || n >= 8 && matches!(head[..4], [2 | 8, 0, _, 0])) {
         return Err(bad(path, "it has no DICOM mark", "DICM at byte 128 begins a DICOM file"));
     }
     let mut walk = Walk { path, file, length, at: 0, big: false, implicit: false };

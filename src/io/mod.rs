@@ -5,6 +5,7 @@ mod dicom;
 mod dicom_element;
 mod dicom_series;
 pub mod exr;
+pub mod guess;
 mod hdr;
 pub mod info;
 mod limits;
@@ -34,6 +35,7 @@ mod xml;
 
 pub use crate::aside::{write_aside, write_target};
 pub use exr::{read_picture_exr, write_exr, write_exr_with_error};
+pub use guess::guess_transfer;
 pub use info::{VolumeInfo, describe, describe_file};
 pub use nrrd_field::{NrrdField, is_nrrd_field, read_nrrd_field, write_nrrd_field};
 pub use picture::{PictureKind, read_picture};

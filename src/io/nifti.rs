@@ -161,7 +161,7 @@ fn dims(path: &Path, h: &Bytes, colors: usize, options: &ReadOptions) -> Result<
             return Err(bad(path, format!("{series}, of colours"), "one scalar volume is needed; `fslroi` or nibabel cut one out"));
         }
         let labels = ["R", "G", "B", "A"].map(String::from);
-        let what = format!("its samples are colours of {colors} values");
+        let what = format!("its samples are {} colours (datatype {})", if colors == 3 { "RGB" } else { "RGBA" }, h.i16(70));
         return Ok((dims, (super::choose::component(path, &what, colors, &labels[..colors], None, options)?, colors)));
     }
     let what = series.unwrap_or_else(|| "it is one scalar volume".into());

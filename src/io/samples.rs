@@ -320,12 +320,16 @@ fn read_text(
         over = n < buffer.len();
         // A blank behind the last byte ends its number.
         for &byte in buffer[..n].iter().chain(over.then_some(&b' ')) {
+            // What follows the last sample is not ours.
+            if out.len() == length {
+                break;
+            }
             if !byte.is_ascii_whitespace() && byte != b',' {
                 if token.len() == TOKEN {
                     return Err(not_a_number(path, &token, out.len(), layout));
                 }
                 token.push(byte);
-            } else if !token.is_empty() && out.len() < length {
+            } else if !token.is_empty() {
                 let kept = seen == pick;
                 seen = if seen + 1 == record { 0 } else { seen + 1 };
                 if !kept {

@@ -183,7 +183,7 @@ fn read(
     }
     let grid = grid(path, dims, DAffine3::from_scale(DVec3::from(spacing)))?;
     let labels = form.labels();
-    let what = format!("its pixels have {} channels ({})", form.channels, quote(&form.color));
+    let what = format!("its pixels have {} channels ({})", form.channels, quote(form.color));
     // Of grey and coverage, grey is meant.
     let default = (form.color == "grey and alpha").then_some(0);
     let pick = choose::component(path, &what, form.channels, &labels, default, options)?;

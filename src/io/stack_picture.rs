@@ -4,7 +4,7 @@ use super::limits::{bad, io, open, quote};
 use super::samples::SampleType;
 use crate::error::{Error, Result};
 use std::fs::File;
-use std::io::{BufReader, ErrorKind};
+use std::io::{BufReader, ErrorKind, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::decoder::{Decoder, DecodingSampleType, Limits};
 use tiff::tags::Tag;
@@ -168,14 +168,55 @@ fn png_bytes(path: &Path, form: &Form, bytes: &mut Vec<u8>) -> Result<()> {
 }
 
 fn tiff(path: &Path, length: u64) -> Result<Decoder<BufReader<File>>> {
-    let (file, _) = open(path)?;
+    let (mut file, _) = open(path)?;
+    check_directory(path, &mut file, length)?;
+    file.rewind().map_err(|e| io(path, "read", e))?;
     let mut limits = Limits::default();
     let whole = usize::try_from(length).unwrap_or(usize::MAX);
-    // A table of strips is no longer than its file, and a strip no longer than what it decodes to.
+    // A table of strips is no longer than its file, though its numbers are held in more bytes; pixels go to our own room.
     limits.ifd_value_size = whole.min(64 << 20);
-    limits.decoding_buffer_size = MAX_SLICE;
+    limits.decoding_buffer_size = whole.saturating_mul(32).min(MAX_SLICE);
     limits.intermediate_buffer_size = whole.saturating_mul(MAX_RATIO as usize).min(MAX_SLICE);
     Ok(Decoder::new(file).map_err(|e| trouble(path, e))?.with_limits(limits))
+}
+
+/// Refuses a first directory whose tags claim more values than the file has bytes: the decoder reads it before it takes
+/// limits.
+fn check_directory(path: &Path, file: &mut BufReader<File>, length: u64) -> Result<()> {
+    let cut = || bad(path, "TIFF: it ends within its first directory", "the file is cut short or damaged");
+    let mut read = |at: Option<u64>, size: usize, big: bool| -> Result<u64> {
+        if let Some(at) = at.filter(|at| *at <= length) {
+            file.seek(SeekFrom::Start(at)).map_err(|e| io(path, "read", e))?;
+        } else if at.is_some() {
+            return Err(cut());
+        }
+        let mut raw = [0; 8];
+        if super::limits::fill(file, &mut raw[..size]).0 < size {
+            return Err(cut());
+        }
+        if big {
+            raw[..size].reverse();
+        }
+        Ok(u64::from_le_bytes(raw))
+    };
+    let big = read(Some(0), 1, false)? == u64::from(b'M');
+    let wide = read(Some(2), 2, big)? == 43;
+    let first = if wide { read(Some(8), 8, big)? } else { read(Some(4), 4, big)? };
+    let tags = read(Some(first), if wide { 8 } else { 2 }, big)?;
+    for _ in 0..tags.min(1 << 16) {
+        let tag = read(None, 2, big)?;
+        read(None, 2, big)?;
+        let count = read(None, if wide { 8 } else { 4 }, big)?;
+        if count > length {
+            return Err(bad(
+                path,
+                format!("TIFF: tag {tag} claims {count} values, the file has {length} bytes"),
+                "an undamaged file is needed",
+            ));
+        }
+        read(None, if wide { 8 } else { 4 }, big)?;
+    }
+    Ok(())
 }
 
 /// The form of the first page, and all pages that are no thumbnails.

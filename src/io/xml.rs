@@ -24,7 +24,7 @@ pub(super) enum Form {
 pub(super) struct Tag {
     pub name: String,
     pub form: Form,
-    pub attributes: Vec<(String, String)>,
+    pub attributes: Attributes,
     /// The first byte of text before it that is no blank.
     pub text: Option<u64>,
     /// Its first byte, and the byte behind it.
@@ -135,8 +135,10 @@ impl<'a, R: BufRead> Tags<'a, R> {
     }
 }
 
+type Attributes = Vec<(String, String)>;
+
 /// Name, form and attributes.
-fn parse(inner: &str) -> Option<(String, Form, Vec<(String, String)>)> {
+fn parse(inner: &str) -> Option<(String, Form, Attributes)> {
     let name_of = |s: &str| {
         let end = s.find(|c: char| c.is_ascii_whitespace()).unwrap_or(s.len());
         Some((s[..end].to_owned(), s[end..].to_owned())).filter(|(n, _)| !n.is_empty() && !n.contains(['<', '=', '"', '\'', '/']))
@@ -150,7 +152,7 @@ fn parse(inner: &str) -> Option<(String, Form, Vec<(String, String)>)> {
     };
     let (name, rest) = name_of(inner)?;
     let mut rest = rest.trim();
-    let mut attributes: Vec<(String, String)> = Vec::new();
+    let mut attributes = Attributes::new();
     while !rest.is_empty() {
         let (key, after) = rest.split_once('=')?;
         let (key, after) = (key.trim(), after.trim_start());

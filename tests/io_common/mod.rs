@@ -8,6 +8,13 @@ use halflight::io::SampleType;
 use std::io::Write;
 use std::path::PathBuf;
 
+mod formats;
+mod seeds;
+#[allow(unused_imports)]
+pub use formats::*;
+#[allow(unused_imports)]
+pub use seeds::*;
+
 pub const DIMS: [usize; 3] = [5, 4, 3];
 
 /// The formula: every voxel differs from its neighbours and its mirror images; in the range of every type that is
