@@ -69,10 +69,10 @@ mod tests {
         assert_eq!(ask(Some("b"), &rgb, None), Ok(2));
         assert_eq!(ask(Some("2"), &[], None), Ok(2));
         assert_eq!(ask(None, &rgb, Some(1)), Ok(1));
-        let said = ask(None, &rgb, None).unwrap_err();
+        let said = ask(None, &rgb, None).expect_err("refused");
         assert_eq!(said, "a: each voxel has 3 values; choose one with volume.component: R, G, B");
         for wrong in ["3", "-1", "x", ""] {
-            assert!(ask(Some(wrong), &[], None).unwrap_err().ends_with("choose one with volume.component, 0 to 2"), "{wrong}");
+            assert!(ask(Some(wrong), &[], None).expect_err("refused").ends_with("choose one with volume.component, 0 to 2"), "{wrong}");
         }
         // Two labels that differ in case only: neither is meant by a third spelling.
         let twins: Vec<String> = ["ab", "AB", "x"].map(String::from).into();

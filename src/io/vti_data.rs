@@ -255,8 +255,8 @@ mod tests {
 
     #[test]
     fn base64_reads_in_groups() {
-        assert_eq!(decoded("TWFu").unwrap(), b"Man");
-        assert_eq!(decoded("TW\n Fu TWE= TQ==TWFu<x").unwrap(), b"ManMaMMan");
+        assert_eq!(decoded("TWFu").expect("read"), b"Man");
+        assert_eq!(decoded("TW\n Fu TWE= TQ==TWFu<x").expect("read"), b"ManMaMMan");
         for wrong in ["TWF", "TW=u", "T===", "TW!u", "=WFu"] {
             assert!(decoded(wrong).is_err(), "{wrong}");
         }

@@ -211,13 +211,13 @@ mod tests {
     #[test]
     fn tags_attributes_and_text_are_found() {
         let text = "<?xml version=\"1.0\"?>\n<!-- a > b -- <x> -->\n<a k='1 > 0' \n l = \"x &amp; &#65;&#x42;\"><b/> 12 3\n</a >";
-        let all = tags(text).unwrap();
+        let all = tags(text).expect("read");
         assert_eq!(
             all.iter().map(|t| (t.name.as_str(), t.form)).collect::<Vec<_>>(),
             [("a", Form::Open), ("b", Form::Empty), ("a", Form::Close)]
         );
         assert_eq!((all[0].get("k"), all[0].get("l"), all[0].get("m")), (Some("1 > 0"), Some("x & AB"), None));
-        assert_eq!((all[1].text, &text[all[2].text.unwrap() as usize..][..4]), (None, "12 3"));
+        assert_eq!((all[1].text, &text[all[2].text.expect("read") as usize..][..4]), (None, "12 3"));
         assert_eq!(&text[all[2].start as usize..all[2].end as usize], "</a >");
     }
 
@@ -234,7 +234,7 @@ mod tests {
             ("<a b='&c;'>", "name=\"value\""),
             ("<>", "no XML"),
         ] {
-            let said = tags(text).unwrap_err();
+            let said = tags(text).expect_err("refused");
             assert!(said.contains(says), "{text}: {said}");
         }
     }
