@@ -55,6 +55,7 @@ pub(crate) fn labels(name: &str, components: usize) -> impl Iterator<Item = Stri
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -245,6 +245,7 @@ impl<R: Read> Read for Base64<R> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
