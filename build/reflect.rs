@@ -321,7 +321,7 @@ impl Kernel {
         for s in &self.spec {
             let _ = writeln!(t, "        /// `constant_id = {}`\n        pub {}: {},", s.id, ident(&s.name), s.rust);
         }
-        t.push_str("    }\n\n    impl Default for Spec {\n        fn default() -> Self {\n            Self {\n");
+        t.push_str("    }\n\n    #[allow(clippy::derivable_impls)]\n    impl Default for Spec {\n        fn default() -> Self {\n            Self {\n");
         for s in &self.spec {
             let value = match s.rust {
                 "bool" => format!("{}", s.default != 0),

@@ -1,12 +1,12 @@
 // Where a viewing ray first meets D >= iso, for isosurface and trace. Needs in scope: volume, iso, side, step_length,
-// voxel_to_world_normal, metric_diagonal, metric_cross.
+// voxel_to_world_normal, metric_diagonal, metric_cross, and clip.glsl.
 const int BISECTIONS = 12;
 
 // A ray from where it enters the box (or from the eye), in normalised coordinates.
 struct Line {
     vec3 eye;    // voxels
     vec3 d;      // voxels per world unit
-    float begin; // world units from the eye
+    float begin; // world units from the eye, where it enters the box or what is kept of it
     float total; // to where it leaves the box
     vec3 dims;
     vec3 p0;
@@ -63,7 +63,7 @@ void bisect(Line l, int times, inout float lo, inout float hi) {
     }
 }
 
-// World, length 1, out of the surface at t; cut_open: the volume's own face cuts it open there.
+// World, length 1, out of the surface at t; cut_open: the volume's own face, or a clip plane, cuts it open there.
 vec3 normal_at(Line l, float t, bool cut_open) {
     vec3 normal = outward_normal(l.p0 + l.dn * t, l.dims);
     if (cut_open && t == 0.0 && l.begin > 0.0) {
@@ -73,6 +73,18 @@ vec3 normal_at(Line l, float t, bool cut_open) {
         if (a.x >= a.y && a.x >= a.z) axis.x = -sign(l.d.x);
         else if (a.y >= a.z) axis.y = -sign(l.d.y);
         else axis.z = -sign(l.d.z);
+        if (CLIPS > 0u) {
+            float last = max(max(a.x, a.y), a.z);
+            for (uint k = 0u; k < CLIPS; k++) {
+                vec4 n = clip_plane(k);
+                float slope = dot(n.xyz, l.d);
+                float t = -(dot(n.xyz, l.eye) + n.w) / slope;
+                if (slope > 0.0 && t >= last) {
+                    last = t;
+                    axis = -n.xyz;
+                }
+            }
+        }
         normal = normalize(mat3(voxel_to_world_normal) * axis);
     }
     if (normal == vec3(0.0)) {

@@ -20,6 +20,7 @@ layout(constant_id = 0) const uint BANDS = 4;
 layout(constant_id = 2) const uint LAMBERT = 1;
 layout(constant_id = 3) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 4) const uint RUN = 4;  // steps between two looks at the blocks
+layout(constant_id = 5) const uint CLIPS = 0; // clip planes
 
 layout(set = 0, binding = 0) uniform sampler3D volume;
 layout(set = 0, binding = 1) uniform sampler3D field0;
@@ -32,6 +33,7 @@ layout(set = 0, binding = 5, std430) readonly buffer View {
     vec4 field_dims;
     // Isotropic: row 0 holds L_i. Lambert: rows k = 0..30 hold, for coefficient i, sum_j G_ijk L_j h_l(k).
     vec4 product[31 * 16];
+    vec4 clip_planes[16]; // see clip.glsl
 };
 layout(set = 0, binding = 6, std430) buffer State { vec4 state[]; };        // radiance, coverage
 layout(set = 0, binding = 7, std430) writeonly buffer Depth { float hit_distance[]; }; // world units from the camera; -1: none
@@ -61,6 +63,10 @@ layout(push_constant) uniform Params {
 #include "occupancy.glsl"
 #include "sh.glsl"
 #include "sh_high.glsl"
+vec4 clip_plane(uint k) {
+    return clip_planes[k];
+}
+#include "clip.glsl"
 #include "hit.glsl"
 
 const float INV_4PI = 0.07957747154594767;
@@ -107,7 +113,8 @@ void surface_visibility(vec3 n, vec3 normal, vec3 outward, out vec4 v[4]) {
             vec3 c = clamp(wanted, vec3(0.0), field_dims.xyz - 1.0);
             vec3 w3 = mix(1.0 - f, f, o);
             float w = w3.x * w3.y * w3.z;
-            bool vacuum = above((c + 0.5) / field_dims.xyz) < 0.0;
+            vec3 centre = (c + 0.5) / field_dims.xyz;
+            bool vacuum = above(centre) < 0.0 || !is_kept(centre * vec3(textureSize(volume, 0)));
             if (w > 0.0 && !vacuum && wanted != c) {
                 for (int g = 0; g < 4; g++) v[g] += w * open[g];
                 weights += w;
@@ -144,7 +151,7 @@ void main() {
     }
     vec3 dims = vec3(textureSize(volume, 0));
     vec3 d = pixel_direction(pixel + uvec2(0u, first_row));
-    vec2 span = box_span(origin, d, dims);
+    vec2 span = clip_span(origin, d, box_span(origin, d, dims));
     float begin = max(span.x, 0.0);
     float total = span.y - begin;
     if (!(total > 0.0)) return;
@@ -161,7 +168,7 @@ void main() {
     float hi = -1.0;
     if (first < end) {
         if (above_at(line, lo) >= 0.0) {
-            hi = lo; // the volume's own face cuts the surface open
+            hi = lo; // the volume's own face, or a clip plane, cuts the surface open
         } else {
             uint i = first + 1u;
             while (i <= end && hi < 0.0) {

@@ -9,6 +9,8 @@
 
 layout(local_size_x = 64) in;
 
+layout(constant_id = 1) const uint CLIPS = 0; // clip planes
+
 layout(set = 0, binding = 3) uniform sampler3D volume;
 layout(set = 0, binding = 4, std430) readonly buffer Sigma { float sigma[]; };
 
@@ -27,18 +29,21 @@ layout(push_constant) uniform Params {
     uint patterns;
 };
 #include "medium.glsl"
+#include "clip.glsl"
 
 const float OPAQUE_DEPTH = 10.0; // optical depth at which a ray ends; the rest would change V by less than 5e-5
 
 float visibility(vec3 x, vec3 d) {
-    float end = exit_distance(x, d, volume_dims);
-    uint steps = uint(ceil(end / step_length));
+    vec2 kept = clip_span(x, d, vec2(0.0, exit_distance(x, d, volume_dims)));
+    float begin = kept.x;
+    float end = kept.y - begin;
+    uint steps = uint(ceil(max(end, 0.0) / step_length));
     vec3 scale = 1.0 / volume_dims;
     float depth = 0.0;
     for (uint i = 0; i < steps; i++) {
         float t = float(i) * step_length;
         float s = min(step_length, end - t);
-        depth += s * extinction(textureLod(volume, (x + d * (t + 0.5 * s)) * scale, 0.0).r);
+        depth += s * extinction(textureLod(volume, (x + d * (begin + t + 0.5 * s)) * scale, 0.0).r);
         if (depth > OPAQUE_DEPTH) break;
     }
     return exp(-depth);

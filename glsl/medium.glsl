@@ -1,4 +1,5 @@
-// The medium: scalar sample -> extinction. Needs in scope: sigma[] (TABLE_SIZE entries), map_scale, map_bias.
+// The medium: scalar sample -> extinction. Needs in scope: sigma[] (TABLE_SIZE entries, then four numbers per clip plane),
+// map_scale, map_bias.
 
 // Table coordinate 0..TABLE_SIZE-1 of a sample as the image returns it.
 float table_coordinate(float d) {
@@ -12,4 +13,10 @@ float extinction(float d) {
     float u = table_coordinate(d);
     uint i = min(uint(u), TABLE_SIZE - 2u);
     return mix(sigma[i], sigma[i + 1u], u - float(i));
+}
+
+// Clip plane k; see clip.glsl.
+vec4 clip_plane(uint k) {
+    uint i = uint(TABLE_SIZE) + 4u * k;
+    return vec4(sigma[i], sigma[i + 1u], sigma[i + 2u], sigma[i + 3u]);
 }

@@ -28,6 +28,7 @@ layout(constant_id = 0) const uint SKIP = 1; // 1: leap over empty blocks
 layout(constant_id = 1) const uint TINTED = 0; // 1: albedo is constant and stands in tint
 layout(constant_id = 2) const uint GREY = 0; // 1: the irradiance volume has one channel of light
 layout(constant_id = 3) const uint RUN = 8; // steps between two looks at the blocks
+layout(constant_id = 4) const uint CLIPS = 0; // clip planes
 
 layout(push_constant) uniform Params {
     vec3 origin;          // voxel space
@@ -50,6 +51,7 @@ layout(push_constant) uniform Params {
     uint step_count;
 };
 #include "medium.glsl"
+#include "clip.glsl"
 #include "view.glsl"
 #include "occupancy.glsl"
 
@@ -63,7 +65,7 @@ void main() {
     float transmittance = exp(-s.a);
     vec3 dims = vec3(textureSize(volume, 0));
     vec3 d = pixel_direction(pixel + uvec2(0u, first_row));
-    vec2 span = box_span(origin, d, dims);
+    vec2 span = clip_span(origin, d, box_span(origin, d, dims));
     float begin = max(span.x, 0.0);
     float total = span.y - begin;
     uint steps = total > 0.0 ? uint(ceil(total / step_length)) : 0u;

@@ -19,6 +19,7 @@ layout(constant_id = 0) const uint BANDS = 4;
 layout(constant_id = 1) const uint NEAR = 1; // slices marched densely
 layout(constant_id = 2) const uint RING = 2; // slices that the ring holds
 layout(constant_id = 3) const uint AXIS = 2; // major axis of the group: slices stand across it
+layout(constant_id = 5) const uint CLIPS = 0; // clip planes
 layout(constant_id = 4) const bool DENSE = true; // false: no matter within NEAR slices and nothing to sum, T is only carried
 
 struct Direction {
@@ -54,17 +55,19 @@ layout(push_constant) uniform Params {
 };
 
 #include "medium.glsl"
+#include "clip.glsl"
 #include "slots.glsl"
 
 // Optical depth along the ray up to distance b, by the midpoint rule with n even steps. n is the same for all invocations:
 // lavapipe 22.3.6 takes what a loop leaves behind from its last run, also for invocations that left it earlier; and it runs
 // a loop's body once more after a question at the top is denied, so all loops here ask at the end.
 float optical_depth(vec3 x, vec3 d, float b, float n, vec3 scale) {
-    float s = max(b, 0.0) / n;
+    vec2 kept = clip_span(x, d, vec2(0.0, b));
+    float s = max(kept.y - kept.x, 0.0) / n;
     float i = 0.5;
     float sum = 0.0;
     do {
-        sum += extinction(textureLod(volume, (x + d * (i * s)) * scale, 0.0).r);
+        sum += extinction(textureLod(volume, (x + d * (kept.x + i * s)) * scale, 0.0).r);
         i += 1.0;
     } while (i < n);
     return sum * s;

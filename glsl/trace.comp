@@ -19,6 +19,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(constant_id = 0) const uint CELL = 8;
 layout(constant_id = 1) const uint MATTER = 0; // 0: the medium; 1: isotropic surface; 2: Lambert surface
+layout(constant_id = 2) const uint CLIPS = 0; // clip planes
 #include "cells.glsl"
 
 layout(set = 0, binding = 0) uniform sampler3D volume;
@@ -60,6 +61,7 @@ layout(push_constant) uniform Params {
     uint seed;
 };
 #include "medium.glsl"
+#include "clip.glsl"
 #include "view.glsl"
 #include "hit.glsl"
 
@@ -157,9 +159,11 @@ float scatter(vec3 p, vec3 d, vec2 span, float least, out float place, out float
 float transmittance(vec3 p, vec3 d, vec3 dims) {
     ivec3 cells = textureSize(majorants, 0);
     vec3 scale3 = 1.0 / dims;
-    float end = box_span(p, d, dims).y;
-    Walk w = walk_from(p, d, 0.0, cells);
-    float t = 0.0;
+    vec2 span = clip_span(p, d, vec2(0.0, box_span(p, d, dims).y));
+    if (CLIPS > 0u && !(span.y > span.x)) return 1.0;
+    float end = span.y;
+    Walk w = walk_from(p, d, span.x, cells);
+    float t = span.x;
     float depth = -log(1.0 - draw(key).x);
     float through = 1.0;
     for (; events < most_events; events++) {
@@ -185,7 +189,7 @@ float transmittance(vec3 p, vec3 d, vec3 dims) {
 float unshadowed(vec3 p, vec3 d, vec3 dims) {
     ivec3 cells = textureSize(majorants, 0);
     vec3 scale3 = 1.0 / dims;
-    vec2 span = box_span(p, d, dims);
+    vec2 span = clip_span(p, d, box_span(p, d, dims));
     if (!(span.y > max(span.x, 0.0))) return 1.0;
     float first = max(span.x, 0.0) + draw(key).x * shadow_step;
     Walk w = walk_from(p, d, max(span.x, 0.0), cells);
@@ -219,7 +223,7 @@ void main() {
     }
     vec3 dims = vec3(textureSize(volume, 0));
     vec3 d = pixel_direction(pixel);
-    vec2 span = box_span(origin, d, dims);
+    vec2 span = clip_span(origin, d, box_span(origin, d, dims));
     span.x = max(span.x, 0.0);
 
     bool found = span.y > span.x;

@@ -71,7 +71,7 @@ fn wrong_usage_is_2() {
     std::fs::create_dir(f.0.join("d.png")).unwrap();
     f.file("p.hdr", "#?RADIANCE");
     let cases: &[(&[&str], &str)] = &[
-        (&[], "a command is missing: demo, info, light, transfer, precompute, render, compare, chart or devices"),
+        (&[], "a command is missing: demo, info, light, transfer, precompute, render, frames, compare, chart or devices"),
         (&["rendr"], "unrecognized subcommand 'rendr'"),
         (&["render", "v.nrrd"], "--out <FILE>"),
         (&["render", "v.nrrd", "-o", "x.jpg"], "x.jpg: its extension must be .exr or .png"),
@@ -402,7 +402,7 @@ fn a_full_stdout_does_not_hide_what_was_written() {
 
 #[test]
 fn help_lists_every_key_of_a_scene_with_its_default() {
-    let help = String::from_utf8(halflight(Path::new("."), &["render", "--help"]).stdout).unwrap();
+    let help = String::from_utf8(halflight(Path::new("."), &["frames", "--help"]).stdout).unwrap();
     let flat = help.split_whitespace().collect::<Vec<_>>().join(" ");
     for key in halflight::scene::keys::KEYS {
         assert!(flat.contains(&format!("--{} <", key.name)), "{}", key.name);

@@ -121,6 +121,7 @@ fn every_key_is_read() {
         up: DVec3::Y,
         fov_degrees: 45.0,
         space: Space::World,
+        ..CameraSettings::default()
     };
     assert_eq!(s.camera, camera);
     let image =

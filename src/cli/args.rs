@@ -8,20 +8,23 @@ use std::path::PathBuf;
 pub const OF_LIGHT: &[&str] = &["light.rotate", "light.scale", "light.bands", "light.window", "image.exposure"];
 
 /// What a visibility field depends on.
-pub const OF_FIELD: &[&str] = &["volume", "transfer", "surface", "visibility"];
+pub const OF_FIELD: &[&str] = &["volume", "transfer", "surface", "clip", "visibility"];
 
 /// What a volume alone depends on.
 pub const OF_VOLUME: &[&str] = &["volume"];
 
 /// All of a scene.
-pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "light", "visibility", "camera", "image"];
+pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility", "camera", "image"];
+
+/// All of a scene and its animation.
+pub const OF_FRAMES: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility", "camera", "image", "animation"];
 
 /// What a chart uses: the estimators' own settings are what it varies.
 pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
 
 /// What a reference picture depends on.
 pub const OF_REFERENCE: &[&str] =
-    &["volume", "transfer", "surface", "light.probe", "light.constant", "light.rotate", "light.scale", "camera", "image"];
+    &["volume", "transfer", "surface", "clip", "light.probe", "light.constant", "light.rotate", "light.scale", "camera", "image"];
 
 /// The whole command.
 pub fn command() -> Command {
@@ -30,7 +33,7 @@ pub fn command() -> Command {
         .about("Natural light for scalar volumes: visibility in spherical harmonics, precomputed on any Vulkan device")
         .after_help(
             "Exit codes: 0 done, 1 internal error or validation messages, 2 wrong usage, 3 bad input or output file, \
-             4 no usable device, 5 out of memory, 6 device lost.",
+             4 no usable device, 5 out of memory, 6 device lost, 130 and 143 stopped by a signal.",
         )
         .subcommand_required(true)
         .arg_required_else_help(true)
@@ -104,6 +107,7 @@ pub fn command() -> Command {
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
                 .arg(measure())
+                .arg(frame())
                 .args(wanted())
                 .args(scene_args(OF_FIELD))
                 .arg(nan_as()),
@@ -113,9 +117,40 @@ pub fn command() -> Command {
                 .about("Render a scene")
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
+                .arg(frame())
+                .arg(field())
                 .args(wanted())
                 .args(reference())
                 .args(scene_args(OF_SCENE))
+                .arg(nan_as()),
+        )
+        .subcommand(
+            Command::new("frames")
+                .about("Render a scene's animation as numbered pictures")
+                .arg(scene())
+                .arg(path("out", "FILE", "the pictures: out/f.####.exr or f.%04d.png").short('o').long("out").required(true))
+                .args(super::layers::args())
+                .arg(
+                    Arg::new("frames")
+                        .long("frames")
+                        .value_name("RANGE")
+                        .allow_hyphen_values(true)
+                        .help("7, 1-100, 1-100x2, 1-100:2, 1:100:5, 100-1, or several with commas: 5,10,20-24 (default: all)"),
+                )
+                .arg(flag("skip-existing", "keep pictures that are there, whole and of this scene"))
+                .arg(flag("quick", "preview: small pictures, a coarse field of few directions"))
+                .arg(flag("estimate", "render a few of the frames and say what all of them will cost"))
+                .arg(flag("no-reuse", "compute everything anew for each frame; the pictures are the same"))
+                .arg(field())
+                .arg(
+                    Arg::new("progress")
+                        .long("progress")
+                        .value_name("HOW")
+                        .value_parser(["auto", "tty", "lines", "openjd", "json", "none"])
+                        .default_value("auto")
+                        .help("a bar, a line per frame, what Open Job Description listens to, or JSON lines"),
+                )
+                .args(scene_args(OF_FRAMES))
                 .arg(nan_as()),
         )
         .subcommand(
@@ -229,6 +264,23 @@ fn global() -> Vec<Arg> {
             .help("say more on stderr; twice for still more")
             .global(true),
     ]
+}
+
+fn flag(id: &'static str, help: &'static str) -> Arg {
+    Arg::new(id).long(id).action(ArgAction::SetTrue).help(help)
+}
+
+fn frame() -> Arg {
+    Arg::new("frame")
+        .long("frame")
+        .value_name("N")
+        .value_parser(value_parser!(i64))
+        .allow_negative_numbers(true)
+        .help("the scene at this frame of its animation")
+}
+
+fn field() -> Arg {
+    path("field", "FILE", "take the visibility field from this file, which halflight precompute wrote for this scene").long("field")
 }
 
 fn measure() -> Arg {
@@ -359,6 +411,9 @@ fn value_name(key: &Key) -> &'static str {
         "[R, G, B]|light" => "R,G,B|light",
         "[LOW, HIGH]" => "LOW,HIGH",
         "[[S, R, G, B, A], …]" => "POINTS",
+        "[X0, Y0, Z0, X1, Y1, Z1]" => "X0,Y0,Z0,X1,Y1,Z1",
+        "[[NX, NY, NZ, D], …]" => "PLANES",
+        "[{KEYFRAME}, …]" => "KEYFRAMES",
         other => other,
     }
 }
@@ -381,7 +436,9 @@ fn heading(table: &str) -> &'static str {
         "surface" => "Scene: [surface]",
         "light" => "Scene: [light]",
         "visibility" => "Scene: [visibility]",
+        "clip" => "Scene: [clip]",
         "camera" => "Scene: [camera]",
+        "animation" => "Scene: [animation]",
         "image" => "Scene: [image]",
         _ => "Scene",
     }
@@ -452,7 +509,7 @@ mod tests {
         // Unknown keys are for the scene's reader to refuse.
         assert!(check_used(&given("light.scales"), OF_LIGHT, "`light`").is_ok());
         let tables: Vec<&str> = keys::tables();
-        assert_eq!(tables, OF_SCENE);
+        assert_eq!(tables, OF_FRAMES);
     }
 
     #[test]

@@ -37,7 +37,7 @@ pub fn is_scene(path: &Path) -> bool {
 }
 
 /// The scene's volume.
-fn volume(scene: &Scene, bar: &Progress) -> Result<Volume, Failure> {
+pub fn volume(scene: &Scene, bar: &Progress) -> Result<Volume, Failure> {
     read(scene, bar, |options| io::read_volume(&scene.volume.file, options))
 }
 
@@ -68,7 +68,15 @@ fn read<T>(scene: &Scene, bar: &Progress, with: impl FnOnce(&ReadOptions) -> Res
 pub fn load(scene: &Scene, bar: &Progress) -> Result<Loaded, Failure> {
     let (probe, light) = light(scene)?;
     let volume = volume(scene, bar)?;
-    let transfer = transfer(scene, &volume)?;
+    let matter = matter(scene, &volume)?;
+    let aspect = scene.image.width as f64 / scene.image.height as f64;
+    let camera = Camera::from_settings(&scene.camera, volume.grid(), aspect).map_err(|e| scene.origins.blame(e))?;
+    Ok(Loaded { volume, matter, probe, light, camera })
+}
+
+/// The scene's matter, checked against the data.
+pub fn matter(scene: &Scene, volume: &Volume) -> Result<Matter, Failure> {
+    let transfer = transfer(scene, volume)?;
     let [lo, hi] = volume.range();
     if let Some(surface) = scene.surface
         && !(f64::from(lo)..=f64::from(hi)).contains(&surface.iso)
@@ -82,9 +90,14 @@ pub fn load(scene: &Scene, bar: &Progress) -> Result<Loaded, Failure> {
     if matter.is_vacuum([lo, hi]) {
         log::warn!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty");
     }
-    let aspect = scene.image.width as f64 / scene.image.height as f64;
-    let camera = Camera::from_settings(&scene.camera, volume.grid(), aspect).map_err(|e| scene.origins.blame(e))?;
-    Ok(Loaded { volume, matter, probe, light, camera })
+    Ok(matter)
+}
+
+/// A probe and its light, unprepared.
+pub fn probe(path: &Path) -> Result<(Probe, Light), Failure> {
+    let probe = io::read_probe(path)?;
+    let light = Light::from_probe(&probe);
+    Ok((probe, light))
 }
 
 /// The scene's light, and its probe for the background.

@@ -5,7 +5,13 @@ mod chart;
 mod compare;
 mod demo;
 mod fail;
+mod field_file;
+mod fingerprint;
+mod forecast;
+mod frames;
+mod frames_says;
 mod info;
+mod layers;
 mod light;
 mod load;
 mod output;
@@ -15,6 +21,7 @@ mod progress;
 mod reference;
 mod render;
 mod report;
+mod session;
 mod transfer;
 
 use clap::ArgMatches;
@@ -79,7 +86,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
             return Err(Failure::usage(
-                "a command is missing: demo, info, light, transfer, precompute, render, compare, chart or devices; see halflight --help",
+                "a command is missing: demo, info, light, transfer, precompute, render, frames, compare, chart or devices; see halflight --help",
             ));
         }
         Err(e) => return Err(e.into()),
@@ -102,6 +109,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         "transfer" => transfer::run(&context, m),
         "precompute" => precompute::run(&context, m),
         "render" => render::render(&context, m),
+        "frames" => frames::run(&context, m),
         "chart" => chart::run(&context, m),
         _ => devices(&context),
     }

@@ -3,6 +3,7 @@
 use super::Context;
 use super::args::OF_FIELD;
 use super::fail::Failure;
+use super::field_file::Keys;
 use super::load;
 use super::output::Kind;
 use super::plan;
@@ -32,10 +33,11 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let bar = Progress::new(&stages);
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let (medium, field) = visibility(&engine, &mut scene, &loaded, None, &bar, &mut report)?;
+    let (medium, field) = visibility(&engine, &mut scene, &loaded, (None, None), &bar, &mut report)?;
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let mut meta = header(&scene, &engine, &spans);
+    meta.extend(Keys::of(&scene, &loaded.volume, &loaded.matter).meta());
     if let Some(seconds) = budget {
         let known = spans.iter().all(|s: &Span| s.timed);
         let budget = Budget { seconds, field_seconds: known.then(|| spans.iter().map(|s| s.seconds).sum()) };

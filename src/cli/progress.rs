@@ -35,6 +35,12 @@ impl Progress {
         Self { bar, start: Instant::now(), clock }
     }
 
+    /// No bar: for what is part of a larger whole.
+    pub fn silent() -> Self {
+        let clock = RefCell::new(Clock { stages: Vec::new(), at: 0, entered: 0.0, spent: 0.0, fraction: 0.0 });
+        Self { bar: None, start: Instant::now(), clock }
+    }
+
     /// How much work the long stages are, in any one unit; said before the first of them begins.
     pub fn plan(&self, works: &[(&str, f64)]) {
         for stage in &mut self.clock.borrow_mut().stages {
@@ -73,12 +79,17 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        if let Ok(mut shown) = SHOWN.lock() {
-            *shown = None;
-        }
         if let Some(bar) = &self.bar {
+            show_bar(None);
             bar.finish_and_clear();
         }
+    }
+}
+
+/// Says which bar is on the terminal now.
+pub fn show_bar(bar: Option<&ProgressBar>) {
+    if let Ok(mut shown) = SHOWN.lock() {
+        *shown = bar.cloned();
     }
 }
 
@@ -173,7 +184,7 @@ impl Clock {
 }
 
 /// "40 s", "3 min", "2 h 5 min".
-fn duration(seconds: f64) -> String {
+pub fn duration(seconds: f64) -> String {
     match seconds.round() as u64 {
         s @ 0..=99 => format!("{s} s"),
         s @ 100..=5999 => format!("{} min", (s + 30) / 60),

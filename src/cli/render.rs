@@ -3,6 +3,7 @@
 use super::Context;
 use super::args::{OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
+use super::field_file;
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
 use super::path_of;
@@ -15,9 +16,9 @@ use halflight::error::bytes;
 use halflight::io;
 use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
 use halflight::scene::visibility::Method;
-use halflight::scene::{Grid, ImageSettings, Picture, Scene, Visibility};
+use halflight::scene::{Camera, Grid, ImageSettings, Picture, Probe, Scene, Visibility, scene_at};
 use serde_json::json;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
@@ -34,7 +35,8 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
     let pixels = Some((scene.image.width, scene.image.height));
-    let (medium, field) = visibility(&engine, &mut scene, &loaded, pixels, &bar, &mut report)?;
+    let (medium, field) =
+        visibility(&engine, &mut scene, &loaded, (pixels, m.get_one::<PathBuf>("field").map(PathBuf::as_path)), &bar, &mut report)?;
     bar.enter("relight");
     let lit = engine.relight(&field, &loaded.light)?;
     bar.enter("render");
@@ -67,7 +69,13 @@ pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(S
     check_used(&overrides, used, if used == OF_REFERENCE { "a reference picture" } else { "a visibility field" })
         .map_err(Failure::usage)?;
     let output = Output::check(path_of(m, "out")?, kinds)?;
-    let scene = load::scene(path, &overrides)?;
+    let mut scene = load::scene(path, &overrides)?;
+    if let Some(&frame) = m.try_get_one::<i64>("frame").ok().flatten() {
+        if scene.animation.is_none() {
+            return Err(Failure::usage("--frame: the scene has no [animation]"));
+        }
+        scene = scene_at(&scene, frame);
+    }
     let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
     if let LightSource::Probe(probe) = &scene.light.source {
         inputs.push(probe);
@@ -80,12 +88,12 @@ pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(S
 }
 
 /// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with a picture of `pixels`
-/// under its light if there is to be one, before it starts. The scene then holds the settings that were used.
+/// under its light if there is to be one, before it starts. A field file may be `given` in place of computing it. The scene then holds the settings that were used.
 pub fn visibility(
     engine: &Engine,
     scene: &mut Scene,
     loaded: &Loaded,
-    pixels: Option<(usize, usize)>,
+    (pixels, given): (Option<(usize, usize)>, Option<&Path>),
     bar: &Progress,
     report: &mut Report,
 ) -> Result<(Medium, Field), Failure> {
@@ -94,10 +102,10 @@ pub fn visibility(
     report.device(engine);
     report.line("volume", format!("{x}x{y}x{z} {kind}, {lo} to {hi}"));
     report.set("volume", json!({ "file": scene.volume.file.display().to_string(), "dims": [x, y, z], "type": kind, "range": [lo, hi] }));
-    if pixels.is_some() {
+    if pixels.is_some() && given.is_none() {
         plan::bands(scene, loaded, report);
     }
-    if scene.wanted.is_none() {
+    if scene.wanted.is_none() && given.is_none() {
         said(grid, &scene.visibility, report);
     }
     report.flush()?;
@@ -106,7 +114,14 @@ pub fn visibility(
     bar.plan(&[visibility, render, (plan::STAGE, visibility.1)]);
     bar.enter("upload");
     let on_device = engine.upload(volume)?;
-    let medium = engine.classify(&on_device, &loaded.matter).map_err(|e| scene.origins.blame(e))?;
+    let medium = engine.classify_clipped(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
+    if let Some(path) = given {
+        let keys = field_file::Keys::of(scene, volume, &loaded.matter);
+        let field = field_file::read(engine, path, volume, scene, &keys)?.field;
+        (scene.visibility, scene.wanted) = (field.settings().clone(), None);
+        report.line("field", format!("{}, {} packed", path.display(), bytes(field.bytes())));
+        return Ok((medium, field));
+    }
     if scene.wanted.is_none() {
         let need = engine.admit(&medium, &scene.visibility, pixels).map_err(|e| scene.origins.blame(e))?;
         report.needs(engine, need.peak());
@@ -157,10 +172,16 @@ pub(super) fn background(scene: &Scene, loaded: &Loaded, picture: &mut Picture) 
     if scene.image.background == Background::Transparent {
         return Ok(());
     }
-    let rays = loaded.camera.rays(loaded.volume.grid(), picture.width, picture.height)?;
+    lay_background(scene, loaded.volume.grid(), &loaded.camera, loaded.probe.as_ref(), picture)
+}
+
+/// The same of a scene's parts.
+pub fn lay_background(scene: &Scene, grid: &Grid, camera: &Camera, probe: Option<&Probe>, picture: &mut Picture) -> Result<(), Failure> {
+    let rays = camera.rays(grid, picture.width, picture.height)?;
     match scene.image.background {
+        Background::Transparent => {}
         Background::Color(rgb) => fill_background(picture, &rays, |_| rgb),
-        _ => fill_background(picture, &rays, |dir| scene.light.background(loaded.probe.as_ref(), dir)),
+        Background::Light => fill_background(picture, &rays, |dir| scene.light.background(probe, dir)),
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The engine: upload, classify, precompute, relight, render. Each call is one arrow of the straight line; long ones are
 //! split into dispatches of bounded time, report progress and can be cancelled between dispatches.
 
+mod aov;
 mod budget;
 mod cost;
 mod estimate;
@@ -15,7 +16,7 @@ mod sweep;
 
 use crate::error::{Error, Result};
 use crate::scene::transfer::Table;
-use crate::scene::{Grid, Matter, Samples, Volume};
+use crate::scene::{Clip, Grid, Matter, Samples, Volume};
 use crate::stages::{self, Encoding, MediumView};
 use crate::vk::{self, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
@@ -78,6 +79,8 @@ pub struct Medium {
     albedo: Buffer,
     occupancy: Occupancy,
     flat_albedo: Option<[f32; 3]>,
+    /// Kept half spaces, voxel space.
+    clip: Vec<[f32; 4]>,
 }
 
 impl DeviceVolume {
@@ -123,6 +126,7 @@ impl Medium {
             grid: self.grid(),
             volume: &self.volume.0.image,
             sigma: &self.sigma,
+            clips: self.clip.len() as u32,
             albedo: &self.albedo,
             map: self.volume.0.encoding.table_map(self.table.lo, self.table.hi),
             occupancy: &self.occupancy.distances,
@@ -249,6 +253,16 @@ impl Engine {
     /// # Errors
     /// [`Error::Invalid`] for an iso value outside the data.
     pub fn classify(&self, volume: &DeviceVolume, matter: &Matter) -> Result<Medium> {
+        self.classify_clipped(volume, matter, &Clip::default())
+    }
+
+    /// As [`Engine::classify`]; what `clip` cuts away is vacuum, for viewing rays and for shadows.
+    ///
+    /// # Errors
+    /// As [`Engine::classify`], and as [`Clip::check`].
+    pub fn classify_clipped(&self, volume: &DeviceVolume, matter: &Matter, clip: &Clip) -> Result<Medium> {
+        clip.check()?;
+        let clip = clip.half_spaces(volume.grid());
         let grid = volume.grid();
         let mut table = matter.transfer.table(volume.range(), grid);
         if let (Some(surface), Some(albedo)) = (matter.surface, matter.surface_albedo()) {
@@ -263,11 +277,11 @@ impl Engine {
             table = Table::surface(surface.iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
         }
         self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
-        let sigma = self.device.buffer_from("sigma", &table.sigma)?;
+        let sigma = self.device.buffer_from("sigma", &[&table.sigma[..], clip.as_flattened()].concat())?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
-        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo })
+        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo, clip })
     }
 }
 

@@ -136,7 +136,7 @@ impl Engine {
         let pixels = self.device.buffer::<u8>("pixels", slots * form.bytes() as usize)?;
         let surface = match (medium.matter.surface, medium.matter.surface_albedo()) {
             (Some(surface), Some(albedo)) => {
-                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading);
+                let shade = isosurface::Shade::new(grid, lit.field().dims(), albedo, lit.light(), surface.shading).clipped(&medium.clip);
                 Some((surface, self.device.buffer_from("view", &[shade])?, self.device.buffer::<f32>("hit distance", slots)?))
             }
             _ => None,
@@ -189,6 +189,7 @@ impl Engine {
                             rising: encoding.scale > 0.0,
                             bands: settings.bands,
                             shading: surface.shading,
+                            clips: medium.clip.len() as u32,
                             leap: *leap,
                         };
                         isosurface::record(&mut rec, &inputs, view, part, state, depth)?;

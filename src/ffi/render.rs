@@ -130,6 +130,7 @@ fn camera(info: &hl_camera) -> Result<CameraSettings> {
         up,
         fov_degrees: if info.fov == 0.0 { DEFAULT_FOV_DEGREES } else { info.fov },
         space: space.unwrap_or_default(),
+        ..CameraSettings::default()
     })
 }
 

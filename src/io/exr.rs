@@ -73,7 +73,7 @@ pub fn write_exr_with_error(path: &Path, picture: &Picture, standard_error: &[[f
 }
 
 /// The header's own entries.
-fn attributes(meta: &[(String, String)]) -> Result<LayerAttributes> {
+pub(super) fn attributes(meta: &[(String, String)]) -> Result<LayerAttributes> {
     let text = |s: &str| Text::from_slice_unchecked(s.as_bytes());
     let mut attributes =
         LayerAttributes { software_name: Some(text(concat!("halflight ", env!("CARGO_PKG_VERSION")))), ..LayerAttributes::default() };
@@ -248,7 +248,7 @@ impl<const N: usize> Grid<N> {
     }
 }
 
-fn trouble(path: &Path, action: &'static str, error: exr::error::Error) -> Error {
+pub(super) fn trouble(path: &Path, action: &'static str, error: exr::error::Error) -> Error {
     match error {
         exr::error::Error::Io(source) => Error::Io { path: path.to_owned(), action, source },
         other => Error::Format {

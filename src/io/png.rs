@@ -121,6 +121,23 @@ pub fn read_picture_png(path: &Path) -> Result<Picture> {
     Ok(picture)
 }
 
+/// Whether a PNG's texts are `wanted` and its pixels are all there.
+pub(super) fn whole(path: &Path, wanted: &super::MetaFilter) -> Result<bool> {
+    let failed = |e: png::DecodingError| bad(path, format!("PNG: {}", super::limits::quote(&e.to_string())), "a whole picture is needed");
+    let reader = png::Decoder::new(open(path)?.0).read_info().map_err(failed)?;
+    let info = reader.info();
+    let ascii = info.uncompressed_latin1_text.iter().map(|t| (t.keyword.clone(), t.text.clone()));
+    let meta: Vec<_> = ascii.chain(info.utf8_text.iter().filter_map(|t| Some((t.keyword.clone(), t.get_text().ok()?)))).collect();
+    if !wanted(&meta) {
+        return Ok(false);
+    }
+    drop(reader);
+    read_picture_png(path)?;
+    // The end of the file, too: what was cut off behind the pixels is not whole.
+    let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), action: "read", source })?;
+    Ok(bytes.ends_with(b"IEND\xaeB`\x82"))
+}
+
 /// Linear value of sRGB's 0..1: the inverse of [`srgb`].
 pub fn linear(srgb: f32) -> f32 {
     if srgb <= 0.04045 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }

@@ -3,7 +3,10 @@
 use super::limits::open;
 use super::settings::{COMMAND_LINE, Settings};
 use crate::error::{Error, Result, shown};
+use crate::scene::animation::{Animation, Series};
 use crate::scene::camera::{CameraSettings, Space};
+use crate::scene::clip::Clip;
+use crate::scene::frames::{Pattern, parse_frames};
 use crate::scene::scene::{
     Background, ImageSettings, LightSettings, LightSource, MAX_SIDE, RawSettings, SAMPLE_TYPES, Scene, Shading, Surface, TransferSource,
     VolumeSettings, Windowing,
@@ -69,23 +72,31 @@ pub fn parse_scene(text: &str, origin: &str, folder: &Path, overrides: &Override
 }
 
 fn build(mut s: Settings, volume: Option<&Path>) -> Result<Scene> {
+    let animation = super::scene_animation::animation(&mut s, volume)?;
     s.exclusive(&["light.probe"], &["light.constant"])?;
     s.exclusive(&["transfer.file", "transfer.name", "transfer.range"], &["transfer.points", "transfer.kind"])?;
     let wanted = wanted(&mut s)?;
+    plain(s, volume, animation, wanted)
+}
+
+/// The scene of settings whose groups are settled.
+pub(super) fn plain(s: Settings, volume: Option<&Path>, animation: Option<Animation>, wanted: Option<Wanted>) -> Result<Scene> {
     Ok(Scene {
-        volume: volume_settings(&s, volume)?,
+        volume: volume_settings(&s, volume, animation.as_ref())?,
         transfer: transfer(&s)?,
         surface: surface(&s)?,
+        clip: clip(&s)?,
         light: light(&s)?,
         visibility: visibility(&s)?,
         wanted,
         camera: camera(&s)?,
         image: image(&s)?,
+        animation,
         origins: s.origins,
     })
 }
 
-fn volume_settings(s: &Settings, file: Option<&Path>) -> Result<VolumeSettings> {
+fn volume_settings(s: &Settings, file: Option<&Path>, animation: Option<&Animation>) -> Result<VolumeSettings> {
     let file = match (file, s.path("volume.file")?) {
         (Some(file), _) => file.to_owned(),
         (None, Some(file)) => file,
@@ -117,8 +128,11 @@ fn volume_settings(s: &Settings, file: Option<&Path>) -> Result<VolumeSettings> 
         }
     };
     let nan_as = s.number("volume.nan_as", f64::from(f32::MIN)..=f64::from(f32::MAX), "it must be a finite number")?;
+    let steps = series(s, &file, animation)?;
+    let file = steps.as_ref().map_or(file, |series| series.still(animation.map_or(1, |a| a.first)));
     Ok(VolumeSettings {
         file,
+        steps,
         component: s.word("volume.component")?,
         series: s.word("volume.series")?,
         // A headerless file's spacing stands in its layout.
@@ -126,6 +140,30 @@ fn volume_settings(s: &Settings, file: Option<&Path>) -> Result<VolumeSettings> 
         raw,
         nan_as: nan_as.map(|v| v as f32),
     })
+}
+
+/// A time series: a file with a place for a number, in an animation or with a number given.
+fn series(s: &Settings, file: &Path, animation: Option<&Animation>) -> Result<Option<Series>> {
+    let given = ["volume.number", "volume.numbers"].into_iter().find(|k| s.has(k));
+    // Numbered pictures are the slices of one volume, unless their numbers are asked for.
+    let slices = file.extension().is_some_and(|e| ["tif", "tiff", "png"].iter().any(|s| e.eq_ignore_ascii_case(s)));
+    if given.is_none() && (animation.is_none() || slices) {
+        return Ok(None);
+    }
+    if Pattern::find(file).is_none() {
+        let right = "name the files of a series with #### or %04d in place of their number";
+        return given.map_or(Ok(None), |key| Err(s.origins.error(key, "stands beside a volume.file without a number", right)));
+    }
+    let mut numbers = Vec::new();
+    if let Some(text) = s.text("volume.numbers")? {
+        numbers = parse_frames(&text).map_err(|e| match e {
+            Error::Invalid { what, right, .. } => s.origins.error("volume.numbers", format!("is unusable: {what}"), right),
+            other => other,
+        })?;
+        numbers.sort_unstable();
+    }
+    let number = s.number("volume.number", -1e15..=1e15, "it must be a whole number")?.map(|n| n.floor() as i64);
+    Ok(Some(Series { file: file.to_owned(), numbers, number }))
 }
 
 fn transfer(s: &Settings) -> Result<TransferSource> {
@@ -168,14 +206,22 @@ fn surface(s: &Settings) -> Result<Option<Surface>> {
     Ok(Some(Surface { iso, shading: shading.unwrap_or_default(), albedo: albedo.map(|a| a.map(|v| v as f32)) }))
 }
 
+fn clip(s: &Settings) -> Result<Clip> {
+    let bounds = s.numbers::<6>("clip.box", 0.0..=1.0, "it must be six numbers in 0..1, [x0, y0, z0, x1, y1, z1]")?;
+    let planes = s.rows::<4>("clip.planes", "it must be a list of planes, each [nx, ny, nz, d]")?;
+    let clip = Clip {
+        bounds: bounds.map(|[x0, y0, z0, x1, y1, z1]| [[x0, y0, z0], [x1, y1, z1]]),
+        planes: planes.unwrap_or_default(),
+        space: s.choice("clip.space", &[("side", Space::Side), ("world", Space::World)])?.unwrap_or_default(),
+    };
+    clip.check().map_err(|e| s.origins.blame(e))?;
+    Ok(clip)
+}
+
 fn light(s: &Settings) -> Result<LightSettings> {
     let default = LightSettings::default();
     let radiance = "it must be three numbers in 0..1e6, linear red, green, blue";
     let constant = s.numbers::<3>("light.constant", 0.0..=1e6, radiance)?.map(|c| c.map(|v| v as f32));
-    let rotate = s.numbers::<4>("light.rotate", -1e6..=1e6, "it must be an axis and degrees, [x, y, z, degrees]")?;
-    if rotate.is_some_and(|r| r[..3].iter().all(|v| v.abs() < 1e-12)) {
-        return Err(s.origins.error("light.rotate", "has an axis of length 0", "such as [0, 0, 1, 90]: a quarter turn about z"));
-    }
     let windows = [("none", Windowing::None), ("hanning", Windowing::Hanning), ("lanczos", Windowing::Lanczos)];
     Ok(LightSettings {
         source: match (s.path("light.probe")?, constant) {
@@ -183,11 +229,20 @@ fn light(s: &Settings) -> Result<LightSettings> {
             (None, Some(rgb)) => LightSource::Constant(rgb),
             (None, None) => default.source,
         },
-        rotate: rotate.map(|[x, y, z, degrees]| (DVec3::new(x, y, z).normalize_or_zero(), degrees)),
+        rotate: turn(s, "light.rotate")?,
         scale: s.number("light.scale", 0.0..=1e6, "it must lie in 0..1e6")?.unwrap_or(default.scale),
         bands: s.integer("light.bands", 1..=4, "it must be 1 to 4")?.map_or(default.bands, |v| v as u32),
         window: s.choice("light.window", &windows)?.unwrap_or_default(),
     })
+}
+
+/// An axis of length 1 and degrees.
+fn turn(s: &Settings, key: &str) -> Result<Option<(DVec3, f64)>> {
+    let turn = s.numbers::<4>(key, -1e6..=1e6, "it must be an axis and degrees, [x, y, z, degrees]")?;
+    if turn.is_some_and(|r| r[..3].iter().all(|v| v.abs() < 1e-12)) {
+        return Err(s.origins.error(key, "has an axis of length 0", "such as [0, 0, 1, 90]: a quarter turn about z"));
+    }
+    Ok(turn.map(|[x, y, z, degrees]| (DVec3::new(x, y, z).normalize_or_zero(), degrees)))
 }
 
 /// A tolerance or a quality, in place of the settings that a plan finds; bands, cells, ratio and bits may stand beside it.
@@ -256,6 +311,9 @@ fn camera(s: &Settings) -> Result<CameraSettings> {
         up,
         fov_degrees: s.number("camera.fov", 1.0..=170.0, "it must lie in 1..170 degrees")?.unwrap_or(default.fov_degrees),
         space: s.choice("camera.space", &[("side", Space::Side), ("world", Space::World)])?.unwrap_or_default(),
+        orbit: turn(s, "camera.orbit")?,
+        centre: vector("camera.centre")?,
+        distance: s.number("camera.distance", 1e-30..=1e30, "it must be a length above 0")?,
     })
 }
 

@@ -2,6 +2,7 @@
 //! `io::parse_scene`, it is the same scene.
 
 use crate::scene::camera::Space;
+use crate::scene::frames::frames_text;
 use crate::scene::scene::{Background, LightSource, Scene, Shading, TransferSource, Windowing};
 use crate::scene::transfer::{Kind, Reference};
 use crate::scene::visibility::{Cells, Filter, Method, Quality, Sampling, Visibility, Wanted};
@@ -14,10 +15,12 @@ pub fn scene_text(scene: &Scene) -> String {
         ("volume", volume(scene)),
         ("transfer", transfer(scene)),
         ("surface", surface(scene)),
+        ("clip", clip(scene)),
         ("light", light(scene)),
         ("visibility", visibility(scene)),
         ("camera", camera(scene)),
         ("image", image(scene)),
+        ("animation", scene.animation.as_ref().map_or_else(Table::new, super::scene_animation::text)),
     ];
     let mut text = String::new();
     for (name, table) in tables {
@@ -57,7 +60,13 @@ fn table(entries: Vec<(&str, Value)>) -> Table {
 
 fn volume(scene: &Scene) -> Table {
     let v = &scene.volume;
-    let mut out = vec![("file", word(&v.file.display().to_string()))];
+    let mut out = vec![("file", word(&v.steps.as_ref().map_or(&v.file, |s| &s.file).display().to_string()))];
+    if let Some(series) = &v.steps {
+        out.extend(series.number.map(|n| ("number", Value::Integer(n))));
+        if !series.numbers.is_empty() {
+            out.push(("numbers", word(&frames_text(&series.numbers))));
+        }
+    }
     out.extend(v.component.iter().map(|c| ("component", word(c))));
     out.extend(v.series.iter().map(|s| ("series", word(s))));
     out.extend(v.spacing.map(|s| ("spacing", floats(s))));
@@ -112,6 +121,19 @@ fn surface(scene: &Scene) -> Table {
     };
     let mut out = vec![("iso", Value::Float(s.iso)), ("shading", word(shading))];
     out.extend(s.albedo.map(|a| ("albedo", shorts(a))));
+    table(out)
+}
+
+fn clip(scene: &Scene) -> Table {
+    let c = &scene.clip;
+    let mut out = Vec::new();
+    out.extend(c.bounds.map(|b| ("box", floats(b.concat()))));
+    if !c.planes.is_empty() {
+        out.push(("planes", Value::Array(c.planes.iter().map(|p| floats(*p)).collect())));
+    }
+    if c.space == Space::World {
+        out.push(("space", word("world")));
+    }
     table(out)
 }
 
@@ -194,6 +216,9 @@ fn camera(scene: &Scene) -> Table {
     out.push(("up", floats(c.up.to_array())));
     out.push(("fov", Value::Float(c.fov_degrees)));
     out.push(("space", word(if c.space == Space::World { "world" } else { "side" })));
+    out.extend(c.orbit.map(|(axis, degrees)| ("orbit", floats([axis.x, axis.y, axis.z, degrees]))));
+    out.extend(c.centre.map(|p| ("centre", floats(p.to_array()))));
+    out.extend(c.distance.map(|d| ("distance", Value::Float(d))));
     table(out)
 }
 

@@ -12,6 +12,7 @@ use toml::de::DeTable;
 pub const COMMAND_LINE: &str = "command line";
 
 /// Values by dotted key, each with its origin.
+#[derive(Clone)]
 pub(super) struct Settings {
     pub origins: Origins,
     values: BTreeMap<String, Value>,
@@ -165,6 +166,25 @@ impl Settings {
             },
             Some(_) => self.wrong(key, right),
         }
+    }
+
+    /// A list of tables.
+    pub fn tables(&self, key: &str, right: &str) -> Result<Option<Vec<toml::Table>>> {
+        match self.values.get(key) {
+            None => Ok(None),
+            Some(Value::Array(list)) => match list.iter().map(|v| v.as_table().cloned()).collect() {
+                Some(tables) => Ok(Some(tables)),
+                None => self.wrong(key, right),
+            },
+            Some(_) => self.wrong(key, right),
+        }
+    }
+
+    /// Gives `key` a value that stands at `origin`.
+    pub fn put(&mut self, key: &str, value: Value, origin: String) {
+        self.written.remove(key);
+        self.values.insert(key.into(), value);
+        self.origins.keys.insert(key.into(), origin);
     }
 
     /// One of some words.

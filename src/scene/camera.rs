@@ -2,7 +2,7 @@
 
 use super::grid::Grid;
 use crate::error::{Error, Result};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// Direction from the volume's centre to a camera that nobody placed.
 pub const DEFAULT_DIRECTION: DVec3 = DVec3::new(1.6, -1.9, 1.1);
@@ -46,11 +46,26 @@ pub struct CameraSettings {
     pub fov_degrees: f64,
     /// What the numbers mean.
     pub space: Space,
+    /// Axis (world, length 1) and degrees by which position, target and up are turned about `centre`.
+    pub orbit: Option<(DVec3, f64)>,
+    /// The orbit's centre, in `space`; without one the target.
+    pub centre: Option<DVec3>,
+    /// How far the camera stands from its target, in `space`; without one as far as its position says.
+    pub distance: Option<f64>,
 }
 
 impl Default for CameraSettings {
     fn default() -> Self {
-        Self { position: None, target: None, up: DVec3::Z, fov_degrees: DEFAULT_FOV_DEGREES, space: Space::Side }
+        Self {
+            position: None,
+            target: None,
+            up: DVec3::Z,
+            fov_degrees: DEFAULT_FOV_DEGREES,
+            space: Space::Side,
+            orbit: None,
+            centre: None,
+            distance: None,
+        }
     }
 }
 
@@ -95,8 +110,19 @@ impl Camera {
             Space::World => p,
         };
         let target = settings.target.map_or(centre, to_world);
-        let position = settings.position.map_or_else(|| target + framing_offset(grid, settings.fov_degrees, aspect), to_world);
-        let camera = Self { position, target, up: settings.up, fov_degrees: settings.fov_degrees };
+        let mut position = settings.position.map_or_else(|| target + framing_offset(grid, settings.fov_degrees, aspect), to_world);
+        if let Some(distance) = settings.distance {
+            let unit = if settings.space == Space::Side { grid.longest_side() } else { 1.0 };
+            position = target + (position - target).normalize_or_zero() * distance * unit;
+        }
+        let mut camera = Self { position, target, up: settings.up, fov_degrees: settings.fov_degrees };
+        if let Some((axis, degrees)) = settings.orbit {
+            let turn = DQuat::from_axis_angle(axis, degrees.to_radians());
+            let centre = settings.centre.map_or(target, to_world);
+            camera.position = centre + turn * (position - centre);
+            camera.target = centre + turn * (target - centre);
+            camera.up = turn * settings.up;
+        }
         // What is wrong is said in the numbers that the settings hold.
         camera.check().map_err(|e| match (e, settings.position) {
             (Error::Invalid { item: item @ "camera.position", right, .. }, Some(p)) if position.is_finite() && target.is_finite() => {

@@ -1,6 +1,9 @@
 //! Plain data, no device: what a scene is made of.
 
+pub mod animation;
 pub mod camera;
+pub mod clip;
+pub mod frames;
 pub mod grid;
 pub mod keys;
 pub mod light;
@@ -13,7 +16,9 @@ pub mod transfer;
 pub mod visibility;
 pub mod volume;
 
+pub use animation::{Animation, scene_at};
 pub use camera::Camera;
+pub use clip::Clip;
 pub use grid::Grid;
 pub use light::{Light, Probe};
 pub use picture::Picture;

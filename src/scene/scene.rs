@@ -1,6 +1,8 @@
 //! A scene: what to show, in which light, from where, how exactly. Plain data; `io::scene` reads it from TOML.
 
+use super::animation::{Animation, Series};
 use super::camera::{CameraSettings, Rays};
+use super::clip::Clip;
 use super::light::{Light, Probe};
 use super::picture::Picture;
 use super::sh::Window;
@@ -20,6 +22,8 @@ pub struct Scene {
     pub transfer: TransferSource,
     /// `[surface]`
     pub surface: Option<Surface>,
+    /// `[clip]`
+    pub clip: Clip,
     /// `[light]`
     pub light: LightSettings,
     /// `[visibility]`
@@ -31,6 +35,8 @@ pub struct Scene {
     pub camera: CameraSettings,
     /// `[image]`
     pub image: ImageSettings,
+    /// `[animation]`; see [`super::scene_at`].
+    pub animation: Option<Animation>,
     /// Where each key that was given stands, for the errors that only show once the data is there.
     pub origins: Origins,
 }
@@ -42,11 +48,13 @@ impl Scene {
             volume: VolumeSettings { file, ..VolumeSettings::default() },
             transfer: TransferSource::Ramp { reference: Reference::Voxel },
             surface: None,
+            clip: Clip::default(),
             light: LightSettings::default(),
             visibility: Visibility::default(),
             wanted: None,
             camera: CameraSettings::default(),
             image: ImageSettings::default(),
+            animation: None,
             origins: Origins::default(),
         }
     }
@@ -84,8 +92,11 @@ impl Origins {
 /// `[volume]`: the file, and what a file without header does not say.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VolumeSettings {
-    /// The file, the folder of a series or stack, or the `####` pattern of a stack.
+    /// The file, the folder of a series or stack, or the `####` pattern of a stack; of a time series the file that is shown
+    /// outside an animation.
     pub file: PathBuf,
+    /// The time series, if `file` is of one.
+    pub steps: Option<Series>,
     /// Which component, channel or array is the scalar: its name, or its number from 0.
     pub component: Option<String>,
     /// Which DICOM series of a folder that holds several: its SeriesInstanceUID.

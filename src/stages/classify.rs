@@ -29,7 +29,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, pyramid: &Image) -> Resul
         }
         rec.dispatch(
             &kernel::Bindings { volume: medium.volume.sampled(), sigma: medium.sigma, opacity: pyramid.storage(0) },
-            &kernel::Spec::default(),
+            &kernel::Spec { clips: medium.clips },
             &kernel::Params {
                 map_scale: medium.map.0,
                 map_bias: medium.map.1,
@@ -44,6 +44,11 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, pyramid: &Image) -> Resul
 
 /// The twin: O₀ of every voxel, x fastest.
 pub fn reference(volume: &Volume, table: &Table) -> Vec<f32> {
+    reference_clipped(volume, table, &[])
+}
+
+/// The twin under clip planes: points that are clipped away count as vacuum.
+pub fn reference_clipped(volume: &Volume, table: &Table, clip: &[[f32; 4]]) -> Vec<f32> {
     let [nx, ny, nz] = volume.grid().dims().map(|n| n as i64);
     let h = volume.grid().voxel_length() as f32;
     let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
@@ -58,9 +63,14 @@ pub fn reference(volume: &Volume, table: &Table) -> Vec<f32> {
                     step[axis] = 1;
                     let before = twin::fetch(volume, [x - step[0], y - step[1], z - step[2]]);
                     let after = twin::fetch(volume, [x + step[0], y + step[1], z + step[2]]);
-                    let mean = [mix(here, before, 0.375), mix(here, before, 0.125), mix(here, after, 0.125), mix(here, after, 0.375)]
+                    let kept = |along: f32| {
+                        let p: [f32; 3] = std::array::from_fn(|a| [x, y, z][a] as f32 + 0.5 + along * step[a] as f32);
+                        clip.iter().all(|n| n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] >= 0.0)
+                    };
+                    let mean = [(before, -0.375), (before, -0.125), (after, 0.125), (after, 0.375)]
                         .iter()
-                        .map(|&d| twin::extinction(table, d))
+                        .filter(|(_, along)| kept(*along))
+                        .map(|&(next, along): &(f32, f32)| twin::extinction(table, mix(here, next, along.abs())))
                         .sum::<f32>()
                         * 0.25;
                     sum -= (-mean * h).exp_m1();

@@ -25,13 +25,13 @@ pub struct Shade {
     pub field_dims: [f32; 4],
     /// Rows of 16 RGB(0); see the kernel.
     pub product: [[[f32; 4]; 16]; 31],
+    /// Clip planes, voxel space.
+    pub clip_planes: [[f32; 4]; 16],
 }
 
 impl Shade {
     /// Folds light, albedo and shading.
     pub fn new(grid: &Grid, field_dims: [usize; 3], albedo: [f32; 3], light: &Light, shading: Shading) -> Self {
-        let normal = grid.voxel_to_world().matrix3.inverse().transpose();
-        let column = |v: glam::DVec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
         let mut product = [[[0f32; 4]; 16]; 31];
         match shading {
             Shading::Isotropic => {
@@ -52,11 +52,27 @@ impl Shade {
             }
         }
         Self {
-            voxel_to_world_normal: [column(normal.x_axis), column(normal.y_axis), column(normal.z_axis), [0.0, 0.0, 0.0, 1.0]],
+            voxel_to_world_normal: Self::normal_matrix(grid),
             albedo: [albedo[0], albedo[1], albedo[2], 1.0],
             field_dims: [field_dims[0] as f32, field_dims[1] as f32, field_dims[2] as f32, 0.0],
             product,
+            clip_planes: [[0.0; 4]; 16],
         }
+    }
+
+    /// Gradient in voxel space → world space, columns of four.
+    pub(super) fn normal_matrix(grid: &Grid) -> [[f32; 4]; 4] {
+        let normal = grid.voxel_to_world().matrix3.inverse().transpose();
+        let column = |v: glam::DVec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
+        [column(normal.x_axis), column(normal.y_axis), column(normal.z_axis), [0.0, 0.0, 0.0, 1.0]]
+    }
+
+    /// Under clip planes, of which there are at most 16.
+    pub fn clipped(mut self, planes: &[[f32; 4]]) -> Self {
+        for (own, plane) in self.clip_planes.iter_mut().zip(planes) {
+            *own = *plane;
+        }
+        self
     }
 }
 
@@ -76,6 +92,8 @@ pub struct Surface<'a> {
     pub bands: u32,
     /// Shading that `shade` was folded for.
     pub shading: Shading,
+    /// Clip planes in `shade`.
+    pub clips: u32,
     /// What rays leap by.
     pub leap: Leap<'a>,
 }
@@ -107,6 +125,7 @@ pub fn record(rec: &mut Recorder, surface: &Surface, view: &View, part: Part, st
             bits: surface.field.bits,
             lambert: u32::from(surface.shading == Shading::Lambert),
             skip: surface.leap.skip.into(),
+            clips: surface.clips,
             ..kernel::Spec::default()
         },
         &kernel::Params {

@@ -28,7 +28,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, run: &Run, step_length: f
             volume: medium.volume.sampled(),
             sigma: medium.sigma,
         },
-        &kernel::Spec { bands: run.bands },
+        &kernel::Spec { bands: run.bands, clips: medium.clips },
         &kernel::Params {
             cell_size: run.cell_size(),
             step_length: step_length as f32,
@@ -56,15 +56,29 @@ pub fn reference(
     directions: &Directions,
     step_length: f64,
 ) -> Vec<[f32; 16]> {
+    reference_clipped(volume, table, field_dims, cells, directions, step_length, &[])
+}
+
+/// The twin under clip planes ([`crate::scene::Clip::half_spaces`]).
+pub fn reference_clipped(
+    volume: &Volume,
+    table: &Table,
+    field_dims: [usize; 3],
+    cells: &[u32],
+    directions: &Directions,
+    step_length: f64,
+    clip: &[[f32; 4]],
+) -> Vec<[f32; 16]> {
     let dims = volume.grid().dims();
     let step = step_length as f32;
     estimate::reference(volume.grid(), field_dims, cells, directions, |x, d| {
-        let end = twin::exit_distance(x, d, dims);
+        let (begin, end) = twin::clip_span(clip, x, d, (0.0, twin::exit_distance(x, d, dims)));
+        let end = (end - begin).max(0.0);
         let mut depth = 0.0;
         for i in 0..(end / step).ceil() as u32 {
             let t = i as f32 * step;
             let s = step.min(end - t);
-            depth += s * twin::extinction(table, twin::sample(volume, twin::along(x, d, t + 0.5 * s)));
+            depth += s * twin::extinction(table, twin::sample(volume, twin::along(x, d, begin + t + 0.5 * s)));
             if depth > 10.0 {
                 break;
             }

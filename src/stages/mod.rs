@@ -1,6 +1,7 @@
 //! The straight line's stages, one file per kernel: the equation, `record()` for the device and `reference()`, the CPU
 //! twin in plain loops. `twin` and `directions` hold what they share.
 
+pub mod aov;
 pub mod block_ranges;
 pub mod bricks;
 pub mod cells;
@@ -66,8 +67,10 @@ pub struct MediumView<'a> {
     pub grid: &'a Grid,
     /// Scalars.
     pub volume: &'a vk::Image,
-    /// σ_t table, 1/world unit.
+    /// σ_t table, 1/world unit; behind it four numbers per clip plane (`glsl/clip.glsl`).
     pub sigma: &'a vk::Buffer,
+    /// Clip planes.
+    pub clips: u32,
     /// Albedo table.
     pub albedo: &'a vk::Buffer,
     /// Image sample → table coordinate.

@@ -104,6 +104,7 @@ pub fn record(
             skip: leap.skip.into(),
             tinted: medium.flat_albedo.is_some().into(),
             grey: (irradiance.format() == relight::format(true)).into(),
+            clips: medium.clips,
             ..kernel::Spec::default()
         },
         &kernel::Params {
@@ -139,10 +140,23 @@ pub fn reference(
     step_length: f64,
     irradiance: impl Fn([f32; 3]) -> [f32; 3],
 ) -> [f32; 4] {
+    reference_clipped(volume, table, view, pixel, step_length, irradiance, &[])
+}
+
+/// The twin under clip planes.
+pub fn reference_clipped(
+    volume: &Volume,
+    table: &Table,
+    view: &View,
+    pixel: [usize; 2],
+    step_length: f64,
+    irradiance: impl Fn([f32; 3]) -> [f32; 3],
+    clip: &[[f32; 4]],
+) -> [f32; 4] {
     let dims = volume.grid().dims();
     let step = step_length as f32;
     let d = view.direction(pixel[0], pixel[1]);
-    let (enter, leave) = twin::box_span(view.origin, d, dims);
+    let (enter, leave) = twin::clip_span(clip, view.origin, d, twin::box_span(view.origin, d, dims));
     let begin = enter.max(0.0);
     let total = leave - begin;
     let mut out = [0.0; 4];

@@ -176,6 +176,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             ring: sweep.near + 1,
             axis: slice.axis as u32,
             dense: slice.dense,
+            clips: medium.clips,
         },
         &kernel::Params {
             cell_size: cell_size(medium.grid, sweep.field_dims),
@@ -235,6 +236,18 @@ pub struct Settings {
 
 /// The twin: coefficients of every cell, x fastest.
 pub fn reference(volume: &Volume, table: &Table, field_dims: [usize; 3], rays: &[Ray], settings: Settings) -> Vec<[f32; 16]> {
+    reference_clipped(volume, table, field_dims, rays, settings, &[])
+}
+
+/// The twin under clip planes.
+pub fn reference_clipped(
+    volume: &Volume,
+    table: &Table,
+    field_dims: [usize; 3],
+    rays: &[Ray],
+    settings: Settings,
+    clip: &[[f32; 4]],
+) -> Vec<[f32; 16]> {
     let grid = volume.grid();
     let size = cell_size(grid, field_dims);
     let mut set = rays.to_vec();
@@ -260,10 +273,11 @@ pub fn reference(volume: &Volume, table: &Table, field_dims: [usize; 3], rays: &
                     // Even steps, as many as the way to the slice takes, also where the volume ends before it.
                     let reach = settings.near as f32 * ds;
                     let n = (reach / settings.step_length as f32 - 1e-3).ceil().max(1.0);
-                    let s = reach.min(end) / n;
+                    let (from, to) = twin::clip_span(clip, x, dir, (0.0, reach.min(end)));
+                    let s = (to - from).max(0.0) / n;
                     let mut depth = 0f32;
                     for k in 0..n as u32 {
-                        let p = twin::along(x, dir, (k as f32 + 0.5) * s);
+                        let p = twin::along(x, dir, from + (k as f32 + 0.5) * s);
                         depth += s * twin::extinction(table, twin::sample(volume, p));
                     }
                     let mut beyond = 1.0;

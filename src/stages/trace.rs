@@ -140,7 +140,7 @@ pub fn record(
             setting: inputs.setting,
             state,
         },
-        &kernel::Spec { cell: CELL, matter },
+        &kernel::Spec { cell: CELL, matter, clips: medium.clips },
         &kernel::Params {
             origin: view.origin,
             step_length: step_length as f32,

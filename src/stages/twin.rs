@@ -90,6 +90,22 @@ pub fn box_span(p: [f32; 3], d: [f32; 3], dims: [usize; 3]) -> (f32, f32) {
     (enter, leave)
 }
 
+/// The part of a ray's interval that clip planes keep (n·p + d ≥ 0); first > second where there is none.
+pub fn clip_span(planes: &[[f32; 4]], p: [f32; 3], d: [f32; 3], (mut begin, mut end): (f32, f32)) -> (f32, f32) {
+    for n in planes {
+        let at = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3];
+        let slope = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+        if slope > 0.0 {
+            begin = begin.max(-at / slope);
+        } else if slope < 0.0 {
+            end = end.min(-at / slope);
+        } else if at < 0.0 {
+            end = begin - 1.0;
+        }
+    }
+    (begin, end)
+}
+
 /// Centre of field cell `cell` (linear index) in voxel coordinates.
 pub fn cell_centre(grid: &Grid, field_dims: [usize; 3], cell: u32) -> [f32; 3] {
     let c = cell as usize;

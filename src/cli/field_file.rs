@@ -1,0 +1,79 @@
+//! Field files: what they say of their making, and whether they are a scene's.
+
+use super::fail::Failure;
+use super::fingerprint;
+use halflight::engine::{Engine, Field};
+use halflight::error::{Error, shown};
+use halflight::io::{self, ReadOptions};
+use halflight::scene::{Matter, Scene, Visibility, Volume};
+use std::path::Path;
+
+/// What a field is of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Keys {
+    pub volume: String,
+    pub matter: String,
+}
+
+impl Keys {
+    pub fn of(scene: &Scene, volume: &Volume, matter: &Matter) -> Self {
+        Self { volume: fingerprint::volume(volume), matter: fingerprint::matter(matter, scene, volume) }
+    }
+
+    /// The lines of a field's header.
+    pub fn meta(&self) -> [(String, String); 2] {
+        [("volume_hash".into(), self.volume.clone()), ("matter_hash".into(), self.matter.clone())]
+    }
+}
+
+/// A field on the device, and what its file says was measured of it.
+pub struct Loaded {
+    pub field: Field,
+    pub meta: Vec<(String, String)>,
+}
+
+/// Reads a field of `scene`'s volume and matter, or says what it is not of. Where the scene asks for a tolerance, the file's
+/// own settings count.
+pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: &Keys) -> Result<Loaded, Failure> {
+    let bad = |what: &str, right: &str| Failure::from(Error::Format { path: path.to_owned(), what: what.into(), right: right.into() });
+    let file = io::read_nrrd_field(path, &ReadOptions::default())?;
+    let of = |key: &str| file.meta.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str());
+    let again = "compute it anew with halflight precompute, or drop --field";
+    let (Some(of_volume), Some(of_matter), Some(text)) = (of("volume_hash"), of("matter_hash"), of("scene")) else {
+        return Err(bad("it does not say what it was computed from", again));
+    };
+    if of_volume != keys.volume {
+        return Err(bad("it was computed from another volume", again));
+    }
+    if of_matter != keys.matter {
+        return Err(bad("it was computed for another transfer function, surface or clipping", again));
+    }
+    let made = io::parse_scene(text, &shown(path), Path::new(""), &[])?;
+    if scene.wanted.is_none() && settled(&made.visibility) != settled(&scene.visibility) {
+        return Err(bad("it was computed with other [visibility] settings", again));
+    }
+    let mut settings = made.visibility;
+    // What was dropped for a light is not there, whatever the text says.
+    settings.bands = (file.coefficients as f64).sqrt() as u32;
+    let field = engine.load_field(volume.grid(), &settings, &file.data)?;
+    let measured = |key: &str| key.contains("error");
+    let meta = file.meta.iter().filter(|(k, _)| measured(k)).cloned().collect();
+    Ok(Loaded { field, meta })
+}
+
+/// Settings without those of other methods.
+fn settled(v: &Visibility) -> Visibility {
+    use halflight::scene::visibility::Method;
+    let d = Visibility::default();
+    let mut out = v.clone();
+    if v.method != Method::Hierarchical {
+        (out.filter, out.growth) = (d.filter, d.growth);
+    }
+    if v.method == Method::Hierarchical {
+        out.step = d.step;
+    }
+    if v.method != Method::Sweep {
+        out.near = d.near;
+    }
+    out
+}

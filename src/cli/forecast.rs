@@ -1,0 +1,80 @@
+//! What a sequence will cost: the stages that each frame will pay for, at what the frames measured so far paid for them.
+
+use super::session::{Paid, STAGES};
+use halflight::scene::scene::TransferSource;
+use halflight::scene::{Scene, Transfer};
+
+/// Whether each stage may be paid for again, from one frame's scene to the next; `layers` are asked for or not.
+pub fn needs(before: Option<&Scene>, scene: &Scene, layers: bool) -> [bool; STAGES.len()] {
+    let Some(before) = before else { return [true, true, true, true, true, true, layers, true] };
+    let volume = before.volume != scene.volume;
+    let probe = before.light.source != scene.light.source;
+    let matter = volume || before.transfer != scene.transfer || before.surface != scene.surface || before.clip != scene.clip;
+    let absorbs = volume || before.clip != scene.clip || !same_extinction(before, scene);
+    let field = absorbs || before.visibility != scene.visibility;
+    [volume || probe, volume, matter, field, field || before.light != scene.light, true, layers, true]
+}
+
+/// Whether two scenes of one volume absorb alike, whatever their colours.
+fn same_extinction(a: &Scene, b: &Scene) -> bool {
+    let shape = |t: &Transfer| (t.kind(), t.reference(), t.opacities().to_vec());
+    match (a.surface, b.surface) {
+        (Some(a), Some(b)) => a.iso == b.iso,
+        (None, None) => match (&a.transfer, &b.transfer) {
+            (TransferSource::Points(a), TransferSource::Points(b)) => shape(a) == shape(b),
+            (a, b) => a == b,
+        },
+        _ => false,
+    }
+}
+
+/// Costs seen so far.
+#[derive(Clone, Debug, Default)]
+pub struct Forecast {
+    /// (sum, count) of each stage's seconds, the very first frame apart: it compiles kernels and opens the device.
+    seen: [(f64, usize); STAGES.len()],
+    first: [Option<f64>; STAGES.len()],
+    frames: usize,
+}
+
+impl Forecast {
+    /// Takes in what a frame paid.
+    pub fn measured(&mut self, paid: &Paid) {
+        for (i, seconds) in paid.0.iter().enumerate() {
+            let Some(seconds) = *seconds else { continue };
+            if self.frames == 0 {
+                self.first[i] = Some(seconds);
+            } else {
+                self.seen[i].0 += seconds;
+                self.seen[i].1 += 1;
+            }
+        }
+        self.frames += 1;
+    }
+
+    /// Frames measured.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Seconds of frames that need these stages; `None` while a needed stage was never seen.
+    pub fn seconds<'a>(&self, needs: impl IntoIterator<Item = &'a [bool; STAGES.len()]>) -> Option<f64> {
+        let mut sum = 0.0;
+        for frame in needs {
+            for (i, _) in frame.iter().enumerate().filter(|(_, n)| **n) {
+                // Opening the device is paid for once, with the first upload.
+                sum += match self.seen[i] {
+                    (seconds, count) if count > 0 => seconds / count as f64,
+                    _ => self.first[i]?,
+                };
+            }
+        }
+        Some(sum)
+    }
+
+    /// Whether every stage that some frame needs has been seen beyond the first frame, where that is possible.
+    pub fn knows(&self, needs: &[[bool; STAGES.len()]]) -> bool {
+        let again = |i: usize| needs.iter().skip(1).any(|n| n[i]);
+        self.frames > 0 && (0..STAGES.len()).all(|i| !again(i) || self.seen[i].1 > 0)
+    }
+}

@@ -1,0 +1,105 @@
+//! What lies behind each pixel of a picture: strip by strip, as [`Engine::render`].
+
+use super::render::STRIP;
+use super::{Engine, Lit, Medium, Pacer, Progress};
+use crate::error::{Error, Result};
+use crate::scene::{Camera, ImageSettings};
+use crate::stages::aov::{self, Behind, Frame, Inputs, STATE};
+use crate::stages::occupancy::Leap;
+use crate::stages::raymarch::{Part, View};
+use crate::vk::Access;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Samples of one row in a dispatch, at most: each asks for a normal too.
+const ROW_SAMPLES: u32 = 1 << 21;
+
+impl Engine {
+    /// What lies behind each pixel of the picture that [`Engine::render`] makes of the same scene, row by row from the top.
+    /// `hits` are the distances of [`Engine::render_with_distance`], which a surface needs. Albedo and irradiance of a
+    /// surface are left zero: its picture is their product.
+    ///
+    /// # Errors
+    /// As [`Engine::render`], and [`Error::Invalid`] where a surface's distances are missing.
+    pub fn aovs(
+        &self,
+        medium: &Medium,
+        lit: &Lit,
+        camera: &Camera,
+        image: &ImageSettings,
+        hits: &[f32],
+        progress: &mut Progress,
+    ) -> Result<Vec<Behind>> {
+        let grid = medium.grid();
+        let view = View::new(grid, &camera.rays(grid, image.width, image.height)?);
+        let (width, height) = (image.width as u32, image.height as u32);
+        let surface = medium.matter.surface;
+        let pixels = image.width * image.height;
+        if surface.is_some() && hits.len() != pixels {
+            return Err(Error::Invalid {
+                item: "hits",
+                what: format!("{} distances for {pixels} pixels", hits.len()),
+                right: "a surface needs one for each".into(),
+            });
+        }
+        let step_length = image.step * grid.voxel_length();
+        let steps = if surface.is_some() { 1 } else { (grid.diagonal() / step_length).ceil() as u64 + 1 };
+        let segment = (self.device.loop_limit() / 3).min((ROW_SAMPLES / width).max(64));
+        let most = ((STRIP / 4 / image.width) as u32).min(height).max(1);
+        let slots = (most * width) as usize;
+        self.ask("the picture's layers", 20 * STATE as u64 * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
+        let (irradiance, window, light_scale) = lit.irradiance();
+        let encoding = medium.volume.0.encoding;
+        let iso = surface.map(|s| (encoding.sample_of(s.iso as f32), encoding.scale > 0.0));
+        let frame = self.device.buffer_from("frame", &[Frame::new(grid, iso, light_scale)])?;
+        let state = self.device.buffer::<[f32; 4]>("state", STATE * slots)?;
+        let found = self.device.buffer::<f32>("hit distance", if surface.is_some() { slots } else { 1 })?;
+        if surface.is_none() {
+            self.device.write(&found, &[-1f32])?;
+        }
+        let mut rec = self.device.record()?;
+        // A fresh buffer: the first dispatch writes without reading.
+        rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
+        rec.submit()?;
+        let leap = Leap {
+            distances: &medium.occupancy.distances,
+            bounds: if image.skip { medium.occupancy.bounds().unwrap_or_default() } else { [[0; 3], grid.dims()] },
+            skip: image.skip,
+        };
+        let mut tell = |fraction: f64| match progress("layers", fraction as f32) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(Error::Cancelled),
+        };
+        tell(0.0)?;
+        let mut out = Vec::with_capacity(pixels);
+        let mut pacer = Pacer::new(8, most);
+        let mut row = 0;
+        while row < height {
+            let rows = pacer.size.min(height - row);
+            let count = (rows * width) as usize;
+            let start = Instant::now();
+            if surface.is_some() {
+                self.device.write(&found, &hits[(row * width) as usize..][..count])?;
+            }
+            for first_step in (0..steps).step_by(segment as usize) {
+                let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length };
+                let inputs = Inputs { irradiance, window, frame: &frame, hits: &found, surface: surface.is_some(), leap };
+                let mut rec = self.device.record()?;
+                aov::record(&mut rec, &medium.view(), &inputs, &view, part, &state)?;
+                // The next part of the rays continues from this state.
+                rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                rec.submit()?;
+            }
+            pacer.took(rows, start.elapsed().as_secs_f64());
+            let sums: Vec<[[f32; 4]; STATE]> = self.device.read(&state, count)?;
+            out.extend(sums.iter().map(Behind::of));
+            let mut rec = self.device.record()?;
+            // The next strip writes over what the host has read.
+            rec.barrier(&[state.all().from(Access::ComputeRead).to(Access::ComputeReadWrite)]);
+            rec.submit()?;
+            row += rows;
+            tell(f64::from(row) / f64::from(height))?;
+        }
+        Ok(out)
+    }
+}

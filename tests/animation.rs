@@ -1,0 +1,194 @@
+//! The scene at a frame: keyframes read, interpolated, written again.
+
+use halflight::io::{parse_scene, scene_text};
+use halflight::scene::grid::glam::DVec3;
+use halflight::scene::scene::{LightSource, TransferSource};
+use halflight::scene::{Camera, Grid, Scene, scene_at};
+use std::path::Path;
+
+fn parse(text: &str) -> Scene {
+    parse_scene(text, "s.toml", Path::new(""), &[]).expect("a good scene")
+}
+
+fn refused(text: &str) -> String {
+    parse_scene(text, "s.toml", Path::new(""), &[]).expect_err("a bad scene").to_string()
+}
+
+const TURN: &str = r#"
+[volume]
+file = "v.nrrd"
+[animation]
+frames = 24
+rate = 12
+[[animation.keyframe]]
+frame = 1
+camera.orbit = [0, 0, 1, 0]
+light = { rotate = [0, 0, 1, 10], scale = 1 }
+[[animation.keyframe]]
+frame = 25
+camera.orbit = [0, 0, 1, 360]
+[[animation.keyframe]]
+time = 1
+ease = "smooth"
+light.scale = 3
+[[animation.keyframe]]
+frame = 19
+light.scale = 5
+light.rotate = [0, 0, 1, 100]
+"#;
+
+#[test]
+fn keyframes_hold_at_their_frames_and_beyond() {
+    let scene = parse(TURN);
+    let animation = scene.animation.as_ref().expect("an animation");
+    assert_eq!((animation.frames, animation.rate, animation.range()), (24, 12.0, 1..=24));
+    let at = |frame| scene_at(&scene, frame);
+    assert_eq!(at(1).camera.orbit, Some((DVec3::Z, 0.0)));
+    assert_eq!(at(7).camera.orbit, Some((DVec3::Z, 90.0)), "even between keyframes");
+    assert_eq!(at(24).camera.orbit, Some((DVec3::Z, 345.0)), "a whole turn ends one frame before its first picture comes again");
+    assert_eq!(
+        (at(-3).light.scale, at(1).light.scale, at(13).light.scale, at(19).light.scale, at(99).light.scale),
+        (1.0, 1.0, 3.0, 5.0, 5.0)
+    );
+    assert_eq!(at(10).light.rotate, Some((DVec3::Z, 55.0)));
+    // Nothing is left to animate, and every call says the same.
+    assert!(at(5).animation.is_none() && at(5) == at(5));
+    assert_eq!(scene_at(&at(5), 9), at(5));
+    // What only keyframes set stands as in the first of them.
+    assert_eq!((scene.light.scale, scene.camera.orbit), (1.0, Some((DVec3::Z, 0.0))));
+}
+
+#[test]
+fn a_scene_with_an_animation_is_read_as_it_is_written() {
+    let text = TURN.replace("[volume]\n", "[volume]\nnumbers = \"0-50x10\"\n").replace("v.nrrd", "v_####.nrrd")
+        + "[[animation.keyframe]]\nframe = 2.5\nease = \"hold\"\nclip.box = [0, 0, 0, 1, 1, 0.5]\nclip.planes = [[0, 0, 1, 0.1], [1, 0, 0, -1]]\n\
+           transfer.points = [[0, 1, 1, 1, 0], [1, 0.25, 0.5, 1, 0.125]]\nsurface.iso = 0.5\nvolume.number = 20\n";
+    let scene = parse(&text);
+    let again = parse(&scene_text(&scene));
+    assert_eq!(Scene { origins: scene.origins.clone(), ..again }, scene);
+    for frame in [1, 2, 3, 20] {
+        let one = scene_at(&scene, frame);
+        assert_eq!(Scene { origins: one.origins.clone(), ..parse(&scene_text(&one)) }, one);
+    }
+}
+
+/// Values of a scalar track at hundredths of frames, through a channel whose frames are stretched.
+fn track(ease: &str, keys: &[(f64, f64)]) -> Vec<f64> {
+    let mut text = "[volume]\nfile = \"v\"\n[animation]\nframes = 1000\nfirst = 0\n".to_owned() + &format!("ease = \"{ease}\"\n");
+    for (frame, value) in keys {
+        text += &format!("[[animation.keyframe]]\nframe = {frame}\nlight.scale = {value}\n");
+    }
+    let scene = parse(&text);
+    (0..=900).map(|f| scene_at(&scene, f).light.scale).collect()
+}
+
+const KEYS: [(f64, f64); 5] = [(100.0, 1.0), (200.0, 2.0), (500.0, 8.0), (600.0, 8.5), (800.0, 3.0)];
+
+#[test]
+fn smooth_goes_through_every_keyframe_without_a_jerk_or_an_overshoot() {
+    let v = track("smooth", &KEYS);
+    for (frame, value) in KEYS {
+        assert!((v[frame as usize] - value).abs() < 1e-12, "frame {frame}");
+    }
+    let speed: Vec<f64> = v.windows(2).map(|w| w[1] - w[0]).collect();
+    assert!(speed[..600].iter().all(|s| *s >= 0.0) && speed[600..].iter().all(|s| *s <= 0.0), "monotone between keyframes");
+    let jerk = speed.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+    assert!(jerk < 2e-3, "speed changes by {jerk} from one frame to the next");
+    assert!(speed[100].abs() < 1e-3 && speed[599].abs() < 1e-3 && speed[799].abs() < 2e-3, "at rest at the ends and where it turns");
+    // The comparison can fail: an even way has corners.
+    let speed: Vec<f64> = track("linear", &KEYS).windows(2).map(|w| w[1] - w[0]).collect();
+    assert!(speed.windows(2).any(|w| (w[1] - w[0]).abs() > 9e-3));
+    // Two keyframes: 3u² − 2u³.
+    let two = track("smooth", &[(0.0, 0.0), (800.0, 1.0)]);
+    assert!((two[200] - 0.15625).abs() < 1e-12);
+}
+
+#[test]
+fn hold_jumps_at_the_keyframe() {
+    let v = track("hold", &KEYS);
+    assert_eq!((v[0], v[199], v[200], v[499], v[500], v[900]), (1.0, 1.0, 2.0, 2.0, 8.0, 3.0));
+}
+
+#[test]
+fn transfer_functions_fade_into_each_other() {
+    let scene = parse(
+        "[volume]\nfile = \"v\"\n[animation]\nframes = 11\n\
+         [[animation.keyframe]]\nframe = 1\ntransfer.points = [[0, 0, 0, 0, 0], [10, 1, 1, 1, 1]]\n\
+         [[animation.keyframe]]\nframe = 11\ntransfer.points = [[4, 1, 0, 0, 0], [4, 1, 0, 0, 0.5], [8, 1, 0, 0, 0.5]]\n",
+    );
+    let grid = Grid::new([4; 3], Default::default()).expect("a grid");
+    let of = |frame| match scene_at(&scene, frame).transfer {
+        TransferSource::Points(t) => t,
+        other => panic!("{other:?}"),
+    };
+    let opacity = |frame, s: f64| 1.0 - (-of(frame).sigma(s, &grid)).exp();
+    let (a, b) = (|s: f64| s / 10.0, |s: f64| if s < 4.0 { 0.0 } else { 0.5 });
+    for s in [0.0, 1.0, 3.9999, 4.0, 5.5, 8.0, 9.0] {
+        for (frame, t) in [(1, 0.0), (4, 0.3), (9, 0.8), (11, 1.0)] {
+            let expected = a(s) + (b(s) - a(s)) * t;
+            assert!((opacity(frame, s) - expected).abs() < 1e-6, "{frame} {s}");
+        }
+    }
+    assert_eq!(of(4).albedo(2.0).map(|c| (c * 1000.0).round() as i32), [440, 140, 140]);
+}
+
+#[test]
+fn files_of_a_time_series_hold_until_the_next() {
+    let file = |extra: &str, frame| {
+        let scene = parse(&format!("[volume]\nfile = \"d/step_####.vti\"\n{extra}[animation]\nframes = 9\n"));
+        scene_at(&scene, frame).volume.file.display().to_string()
+    };
+    assert_eq!(file("", 7), "d/step_0007.vti");
+    assert_eq!(file("numbers = \"0-30x10\"\n", 1), "d/step_0000.vti");
+    assert_eq!(file("numbers = \"0-30x10\"\n", 3), "d/step_0020.vti");
+    assert_eq!(file("numbers = \"0-30x10\"\n", 9), "d/step_0030.vti", "the last one holds");
+    let scene = parse(
+        "[volume]\nfile = \"s%03d.nrrd\"\nnumbers = \"0-30x10\"\n[animation]\nframes = 7\n\
+         [[animation.keyframe]]\nframe = 1\nvolume.number = 0\n[[animation.keyframe]]\nframe = 7\nvolume.number = 30\n",
+    );
+    let names: Vec<String> = (1..=7).map(|f| scene_at(&scene, f).volume.file.display().to_string()).collect();
+    assert_eq!(names, ["s000.nrrd", "s000.nrrd", "s010.nrrd", "s010.nrrd", "s020.nrrd", "s020.nrrd", "s030.nrrd"]);
+    assert_eq!(scene.volume.file.display().to_string(), "s000.nrrd");
+}
+
+#[test]
+fn an_orbit_turns_the_camera_and_keeps_its_picture() {
+    let grid = Grid::new([20, 10, 10], Default::default()).expect("a grid");
+    let camera = |text: &str| {
+        let scene = parse(&format!("[volume]\nfile = \"v\"\n[camera]\n{text}"));
+        Camera::from_settings(&scene.camera, &grid, 1.5).expect("a camera")
+    };
+    let plain = camera("position = [2, 0, 0]\n");
+    let turned = camera("position = [2, 0, 0]\norbit = [0, 0, 2, 90]\n");
+    let centre = grid.centre_world();
+    assert!((plain.position - centre - DVec3::new(40.0, 0.0, 0.0)).length() < 1e-9);
+    assert!((turned.position - centre - DVec3::new(0.0, 40.0, 0.0)).length() < 1e-9 && turned.target == centre);
+    let far = camera("position = [2, 0, 0]\ndistance = 3\norbit = [0, 0, 1, 90]\ncentre = [1, 0, 0]\n");
+    assert!((far.position - centre - DVec3::new(20.0, 40.0, 0.0)).length() < 1e-9);
+    assert!((far.target - centre - DVec3::new(20.0, -20.0, 0.0)).length() < 1e-9);
+    let over = camera("position = [2, 0, 0]\norbit = [0, 1, 0, -90]\n");
+    assert!((over.position - centre - DVec3::new(0.0, 0.0, 40.0)).length() < 1e-9 && (over.up + DVec3::X).length() < 1e-9);
+}
+
+#[test]
+fn what_is_wrong_is_said_with_its_keyframe() {
+    let one = |keyframe: &str| refused(&format!("[volume]\nfile = \"v\"\n[animation]\nframes = 3\n[[animation.keyframe]]\n{keyframe}\n"));
+    assert!(
+        one("frame = 1\ncamera.orbt = [0,0,1,3]")
+            .contains("line 5: `animation.keyframe` number 1 has `camera.orbt`; did you mean `camera.orbit`?")
+    );
+    assert!(one("camera.fov = 3").contains("number 1 has no frame"));
+    assert!(one("frame = 1\ntime = 2").contains("one of the two"));
+    assert!(one("frame = 1\nease = \"cubic\"").contains("\"linear\", \"smooth\" or \"hold\""));
+    assert!(one("frame = 1\nlight.rotate = [0, 0, 1]").contains("light.rotate = [0, 0, 1]"));
+    assert!(one("frame = 1\ncamera.fov = 999").contains("s.toml line 5, keyframe 1: `camera.fov` is 999; it must lie in 1..170"));
+    assert!(one("frame = 1\nlight.rotate = [0, 0, 0, 5]").contains("axis of length 0"));
+    assert!(one("frame = 1\ncamera.fov = 9\n[[animation.keyframe]]\nframe = 1\ncamera.fov = 8").contains("at the frame of another"));
+    assert!(refused("[volume]\nfile = \"v\"\n[animation]\nrate = 3\n").contains("`animation.frames` is missing"));
+    assert!(refused("[volume]\nfile = \"v\"\n[animation]\nframes = 0\n").contains("1 to 1048576"));
+    assert!(refused("[volume]\nfile = \"v\"\nnumbers = \"1-3\"\n").contains("without a number"));
+    assert!(refused("[volume]\nfile = \"v\"\n[clip]\nbox = [0, 0, 0, 0.5, 0, 1]\n").contains("`clip.box`"));
+    let both = "[volume]\nfile = \"v\"\n[light]\nprobe = \"p.hdr\"\n[animation]\nframes = 3\n[[animation.keyframe]]\nframe = 1\nlight.constant = [1, 1, 1]\n";
+    assert!(refused(both).contains("cannot stand beside"));
+    assert!(matches!(parse(&both.replace("probe = \"p.hdr\"", "")).light.source, LightSource::Constant(_)));
+}

@@ -1,0 +1,323 @@
+//! `halflight frames`: the same bits in any chunks, whole files kept, interruptions, failures, fields from files, farms.
+#![cfg(feature = "cli")]
+
+mod common;
+use common::*;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// A folder with a small volume and a scene whose light turns, whose surface of view moves and whose matter fades.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut bytes = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 24 20 16\nencoding: raw\n\n".to_vec();
+    let sphere = |x: i32, y: i32, z: i32| 255 - 14 * (((x - 12).pow(2) + (y - 10).pow(2) + (z - 8).pow(2)) as f32).sqrt() as i32;
+    for i in 0..24 * 20 * 16 {
+        bytes.push(sphere(i % 24, i / 24 % 20, i / 480).clamp(0, 255) as u8);
+    }
+    std::fs::write(folder.path().join("v.nrrd"), bytes).expect("a volume");
+    std::fs::write(folder.path().join("s.toml"), SCENE).expect("a scene");
+    folder
+}
+
+const SCENE: &str = r#"
+[volume]
+file = "v.nrrd"
+[visibility]
+method = "sweep"
+directions = 32
+[image]
+width = 32
+height = 24
+background = [0.2, 0.1, 0]
+[light]
+constant = [1, 0.9, 0.8]
+[animation]
+frames = 8
+[[animation.keyframe]]
+frame = 1
+camera.orbit = [0, 0, 1, 0]
+light.scale = 1
+ease = "smooth"
+[[animation.keyframe]]
+frame = 9
+camera.orbit = [0, 0, 1, 360]
+light.scale = 2
+[[animation.keyframe]]
+frame = 3
+ease = "hold"
+transfer.points = [[60, 1, 0.5, 0.2, 0], [200, 1, 0.9, 0.2, 0.4]]
+[[animation.keyframe]]
+frame = 6
+transfer.points = [[60, 0.2, 0.5, 1, 0], [200, 0.2, 0.9, 1, 0.2]]
+"#;
+
+/// The files of a folder inside `folder`, by name.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).expect("a folder");
+    entries
+        .map(|e| e.expect("an entry"))
+        .map(|e| (e.file_name().into_string().expect("a name"), std::fs::read(e.path()).expect("a file")))
+        .collect()
+}
+
+fn frames(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
+    run(folder, &[&["frames", "s.toml"], arguments].concat())
+}
+
+#[test]
+fn frames_have_the_same_bits_in_any_chunks_and_from_any_folder() {
+    let here = folder();
+    let aov = ["--aov", "depth,normal,albedo,irradiance,visibility,opacity", "--exr-type", "half", "--compression", "piz"];
+    let (code, out, err) = frames(here.path(), &[&["-o", "a/f.####.exr"], &aov[..]].concat());
+    assert_eq!(code, 0, "{err}");
+    assert_eq!(out.lines().filter(|l| l.starts_with("frame ")).count(), 8, "{out}");
+    let whole = files(&here.path().join("a"));
+    assert_eq!(whole.keys().next().expect("frames"), "f.0001.exr");
+    assert_eq!(whole.len(), 8);
+    for range in ["8-5", "1-4x3", "3,2"] {
+        let (code, _, err) = frames(here.path(), &[&["-o", "b/f.%04d.exr", "--frames", range], &aov[..]].concat());
+        assert_eq!(code, 0, "{err}");
+    }
+    assert!(files(&here.path().join("b")) == whole);
+    // From elsewhere, and with nothing kept between frames.
+    let scene = here.path().join("s.toml");
+    let elsewhere = tempfile::tempdir().expect("a folder");
+    let arguments = [&["frames", scene.to_str().expect("UTF-8"), "-o", "f.####.exr", "--no-reuse"], &aov[..]].concat();
+    let (code, _, err) = run(elsewhere.path(), &arguments);
+    assert_eq!(code, 0, "{err}");
+    assert!(files(elsewhere.path()) == whole);
+    // The comparison can fail: every frame is another.
+    let frames: Vec<_> = whole.values().collect();
+    assert!(frames.windows(2).all(|w| w[0] != w[1]));
+}
+
+#[test]
+fn each_frame_pays_for_what_changed_and_says_so() {
+    let here = folder();
+    let (code, out, err) = frames(here.path(), &["-o", "f.##.png"]);
+    assert_eq!(code, 0, "{err}");
+    let line = |n: usize| out.lines().find(|l| l.starts_with(&format!("frame {n:>4} "))).expect("a line").to_owned();
+    assert!(line(1).contains("read") && line(1).contains("upload") && line(1).contains("visibility"), "{out}");
+    assert!(!line(2).contains("visibility") && line(2).contains("relight") && !line(2).contains("read"), "{out}");
+    assert!(line(6).contains("classify") && line(6).contains("visibility"), "{out}");
+    assert!(!line(7).contains("classify"), "{out}");
+    assert!(out.contains("frames     8 written in") && out.contains("stages     read") && out.contains("said beforehand"), "{out}");
+    assert!(out.contains("estimate: ") && out.contains("estimate   was"), "{out}");
+    // For programs: one object with each frame's stages.
+    let (code, out, _) = frames(here.path(), &["-o", "f.##.png", "--frames", "1-2", "--json"]);
+    let object: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+    assert_eq!((code, object["written"].as_u64()), (0, Some(2)));
+    assert!(object["frames"][0]["stages"]["visibility"].is_f64() && object["frames"][1]["stages"]["visibility"].is_null());
+    // And line by line.
+    let (_, out, _) = frames(here.path(), &["-o", "f.##.png", "--frames", "1-2", "--progress", "json"]);
+    let first: serde_json::Value = serde_json::from_str(out.lines().next().expect("a line")).expect("JSON");
+    assert_eq!((first["frame"].as_i64(), first["done"].as_f64()), (Some(1), Some(0.5)));
+}
+
+#[test]
+fn whole_files_of_this_scene_are_kept_and_all_others_made_again() {
+    let here = folder();
+    for kind in ["png", "exr"] {
+        let out = format!("o/f.##.{kind}");
+        let (code, ..) = frames(here.path(), &["-o", &out, "--frames", "1-4"]);
+        assert_eq!(code, 0);
+        let at = |n: usize| here.path().join(format!("o/f.{n:02}.{kind}"));
+        let before = files(&here.path().join("o"));
+        // Frame 2 is cut short, frame 3 is of another scene.
+        let bytes = std::fs::read(at(2)).expect("a frame");
+        std::fs::write(at(2), &bytes[..bytes.len() - 7]).expect("cut");
+        std::fs::copy(at(1), at(3)).expect("copied");
+        let (code, said, _) = frames(here.path(), &["-o", &out, "--frames", "1-4", "--skip-existing"]);
+        assert_eq!(code, 0);
+        assert!(said.contains("2 written") && said.contains("2 were whole already"), "{said}");
+        assert!(files(&here.path().join("o")) == before, "{kind}");
+        // Another setting, another sample of the volume: nothing is kept.
+        let (_, said, _) =
+            frames(here.path(), &["-o", &out, "--frames", "1-2", "--skip-existing", "--light.scale", "1.5", "--image.step", "0.9"]);
+        assert!(said.contains("2 written"), "{said}");
+        frames(here.path(), &["-o", &out, "--frames", "1"]);
+        let mut volume = std::fs::read(here.path().join("v.nrrd")).expect("the volume");
+        *volume.last_mut().expect("a sample") ^= 1;
+        std::fs::write(here.path().join("v.nrrd"), volume).expect("changed");
+        let (_, said, _) = frames(here.path(), &["-o", &out, "--frames", "1", "--skip-existing"]);
+        assert!(said.contains("1 written"), "{said}");
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_signal_stops_between_dispatches_and_keeps_what_is_finished() {
+    let here = folder();
+    let (code, ..) = frames(here.path(), &["-o", "whole/f.##.exr"]);
+    assert_eq!(code, 0);
+    for (signal, expected) in [("-TERM", 143), ("-INT", 130)] {
+        let out = format!("cut{signal}/f.##.exr");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_halflight"))
+            .current_dir(here.path())
+            .args(["frames", "s.toml", "-o", &out, "--no-reuse", "--progress", "lines"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the command runs");
+        // After the first frame's line.
+        let mut lines = std::io::BufRead::lines(std::io::BufReader::new(child.stdout.take().expect("stdout")));
+        assert!(lines.next().expect("a line").expect("text").starts_with("frame    1"));
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().expect("kill").success());
+        let rest: Vec<String> = lines.map_while(Result::ok).collect();
+        let done = child.wait_with_output().expect("it ends");
+        let stderr = String::from_utf8(done.stderr).expect("UTF-8");
+        assert_eq!(done.status.code(), Some(expected), "{stderr}");
+        assert!(stderr.contains("finished frames are kept"), "{stderr}");
+        assert!(rest.iter().any(|l| l.contains("not begun or not finished")), "{rest:?}");
+        let kept = files(&here.path().join(format!("cut{signal}")));
+        assert!(!kept.is_empty() && kept.len() < 8 && kept.keys().all(|name| name.starts_with("f.")));
+        let (code, said, _) = frames(here.path(), &["-o", &out, "--skip-existing"]);
+        assert!(code == 0 && said.contains(&format!("{} were whole already", kept.len())), "{said}");
+        assert!(files(&here.path().join(format!("cut{signal}"))) == files(&here.path().join("whole")));
+    }
+}
+
+#[test]
+fn one_bad_frame_fails_alone_and_a_bad_output_ends_the_run() {
+    let here = folder();
+    let volume = std::fs::read(here.path().join("v.nrrd")).expect("the volume");
+    for n in [1, 3] {
+        std::fs::write(here.path().join(format!("step_{n}.nrrd")), &volume).expect("a step");
+    }
+    std::fs::write(here.path().join("s.toml"), "[volume]\nfile = \"step_#.nrrd\"\n[visibility]\nmethod = \"sweep\"\ndirections = 16\n[image]\nwidth = 8\nheight = 8\n[animation]\nframes = 3\n")
+        .expect("a scene");
+    let (code, out, err) = frames(here.path(), &["-o", "f.#.png"]);
+    assert_eq!(code, 3, "{err}");
+    assert!(err.contains("frame 2 failed: ") && err.contains("step_2.nrrd: cannot open: no such file"), "{err}");
+    assert!(out.contains("2 written") && out.contains("failed     2"), "{out}");
+    assert!(here.path().join("f.3.png").exists());
+    // Usage.
+    for (arguments, part) in [
+        (&["-o", "f.png"][..], "3 frames would all be written here"),
+        (&["-o", "f.#.png", "--frames", "2-9"], "frame 4 lies outside the animation, which has 1 to 3"),
+        (&["-o", "f.#.png", "--frames", "x"], "`x` is no range of frames"),
+        (&["-o", "f.#.png", "--aov", "depth"], "only an .exr holds the layers"),
+        (&["-o", "f.#.jpg"], "its extension must be .exr or .png"),
+        (&["-o", "f.#.png", "--visibility.tolerance", "0.1"], "frames would differ from run to run"),
+    ] {
+        let (code, _, err) = frames(here.path(), arguments);
+        assert!(code == 2 && err.contains(part), "{arguments:?}: {code} {err}");
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn an_output_that_cannot_be_written_is_one_sentence_and_nothing_half_written() {
+    let here = folder();
+    // A limit of file sizes stands for a full disk: nothing of a frame stays.
+    let script = format!("ulimit -f 4; exec {} frames s.toml -o 'f.#.exr' --frames 1-3", env!("CARGO_BIN_EXE_halflight"));
+    let done = Command::new("sh").args(["-c", &script]).current_dir(here.path()).output().expect("sh");
+    let stderr = String::from_utf8(done.stderr).expect("UTF-8");
+    assert_eq!(done.status.code(), Some(3), "{stderr}");
+    assert!(stderr.contains("frame 1: f.1.exr: cannot write: it would be larger than files may become here"), "{stderr}");
+    assert_eq!(files(here.path()).len(), 2, "the scene and its volume");
+    // A folder that is a file, and /proc, where nobody writes.
+    let (code, _, err) = frames(here.path(), &["-o", "v.nrrd/f.#.exr"]);
+    assert!(code == 3 && err.contains("v.nrrd: cannot make this folder"), "{code} {err}");
+    let (code, _, err) = frames(here.path(), &["-o", "/proc/f.#.exr"]);
+    assert!(code == 3 && err.contains("/proc: cannot write into this folder"), "{code} {err}");
+}
+
+#[test]
+fn a_field_from_a_file_gives_the_same_bits_and_is_checked() {
+    let here = folder();
+    let text = SCENE.split("[[animation.keyframe]]\nframe = 3").next().expect("text").to_owned()
+        + "[transfer]\npoints = [[60, 1, 0.5, 0.2, 0], [200, 1, 0.9, 0.2, 0.4]]\n";
+    std::fs::write(here.path().join("s.toml"), text).expect("a scene");
+    let all = ["--visibility.bands", "4"];
+    let (code, _, err) = run(here.path(), &[&["precompute", "s.toml", "-o", "field.nrrd", "--measure"], &all[..]].concat());
+    assert_eq!(code, 0, "{err}");
+    let (code, ..) = frames(here.path(), &[&["-o", "a/f.#.png", "--frames", "1-3"], &all[..]].concat());
+    assert_eq!(code, 0);
+    let (code, out, err) = frames(here.path(), &[&["-o", "b/f.#.png", "--frames", "1-3", "--field", "field.nrrd"], &all[..]].concat());
+    assert_eq!(code, 0, "{err}");
+    assert!(!out.contains("visibility "), "{out}");
+    let (a, b) = (files(&here.path().join("a")), files(&here.path().join("b")));
+    assert!(a.len() == 3 && b.len() == 3);
+    for (name, bytes) in &a {
+        let decode = |bytes: &[u8]| {
+            let path = here.path().join("one.png");
+            std::fs::write(&path, bytes).expect("written");
+            halflight::io::read_picture_png(&path).expect("a picture").rgba
+        };
+        assert_eq!(decode(bytes), decode(&b[name]), "{name}");
+    }
+    // The measured error goes with it.
+    assert!(String::from_utf8_lossy(&b["f.1.png"]).contains("before packing"));
+    let (code, ..) = run(here.path(), &["render", "s.toml", "-o", "r.png", "--frame", "2", "--field", "field.nrrd"]);
+    assert_eq!(code, 0);
+    for (arguments, part) in [
+        (&["--transfer.points", "[[50, 1,1,1, 0], [200, 1,1,1, 0.4]]"][..], "another transfer function, surface or clipping"),
+        (&["--clip.box", "0,0,0,1,1,0.5"], "another transfer function, surface or clipping"),
+        (&["--visibility.directions", "33"], "other [visibility] settings"),
+        (&["--visibility.ratio", "2"], "other [visibility] settings"),
+    ] {
+        let (code, _, err) =
+            frames(here.path(), &[&["-o", "c/f.#.png", "--frames", "1", "--field", "field.nrrd"], &all[..], arguments].concat());
+        assert!(code == 3 && err.contains(part) && err.contains("compute it anew with halflight precompute"), "{arguments:?}: {err}");
+    }
+    // Colours have no part in visibility.
+    let colour = ["--transfer.points", "[[60, 0,1,1, 0], [200, 0,1,0, 0.4]]"];
+    let (code, _, err) =
+        frames(here.path(), &[&["-o", "c/f.#.png", "--frames", "1", "--field", "field.nrrd"], &all[..], &colour[..]].concat());
+    assert_eq!(code, 0, "{err}");
+    let (code, _, err) = frames(here.path(), &["-o", "c/f.#.png", "--frames", "1", "--field", "v.nrrd"]);
+    assert!(code == 3 && err.contains("v.nrrd"), "{err}");
+}
+
+#[test]
+fn a_preview_and_an_estimate_say_what_they_are() {
+    let here = folder();
+    let (code, out, _) =
+        frames(here.path(), &["-o", "q/f.#.png", "--quick", "--image.width", "640", "--image.height", "480", "--frames", "1"]);
+    assert!(code == 0 && out.contains("preview: 320x240 pixels, a field at 1:8 swept in 32 directions"), "{out}");
+    let picture = halflight::io::read_picture_png(&here.path().join("q/f.1.png")).expect("a picture");
+    assert_eq!((picture.width, picture.height), (320, 240));
+    let (code, out, err) = frames(here.path(), &["-o", "e/f.#.png", "--estimate"]);
+    assert_eq!(code, 0, "{err}");
+    assert!(out.contains("estimate: ") && out.contains("for 8 frames, ") && out.contains("of device memory"), "{out}");
+    assert_eq!(files(&here.path().join("e")).len(), 4);
+}
+
+#[test]
+fn open_job_description_runs_the_template_in_chunks() {
+    let program = std::env::var_os("OPENJD").map_or("openjd".into(), std::path::PathBuf::from);
+    if !Command::new(&program).arg("--version").output().is_ok_and(|o| o.status.success()) {
+        println!("skipped: `openjd` is not installed (pip install openjd-cli; or name it in OPENJD)");
+        return;
+    }
+    let here = folder();
+    let (code, ..) = frames(here.path(), &["-o", "whole/f.####.exr"]);
+    assert_eq!(code, 0);
+    let template = concat!(env!("CARGO_MANIFEST_DIR"), "/farm/halflight.openjd.yaml");
+    let at = |name: &str| here.path().join(name).display().to_string();
+    let job = |scene: &str, out: &str| {
+        let parameters = [
+            format!("Scene={scene}"),
+            format!("Output={}", at(out)),
+            "Frames=1-8".into(),
+            "ChunkSize=3".into(),
+            format!("Halflight={}", env!("CARGO_BIN_EXE_halflight")),
+        ];
+        let mut command = Command::new(&program);
+        command.args(["run", template, "--step", "Frames"]);
+        for p in &parameters {
+            command.args(["-p", p]);
+        }
+        let done = command.current_dir(here.path()).output().expect("openjd");
+        (done.status.success(), String::from_utf8_lossy(&done.stdout).into_owned() + &String::from_utf8_lossy(&done.stderr))
+    };
+    let (good, log) = job(&at("s.toml"), "farm/f.####.exr");
+    assert!(good, "{log}");
+    assert!(log.contains("openjd_progress: 100.0") && log.contains("openjd_status: frame "), "{log}");
+    assert!(files(&here.path().join("farm")) == files(&here.path().join("whole")));
+    // What fails, fails the job.
+    let (good, log) = job(&at("none.toml"), "farm/f.####.exr");
+    assert!(!good && log.contains("openjd_fail: ") && log.contains("no such file"), "{log}");
+}
