@@ -71,7 +71,7 @@ fn wrong_usage_is_2() {
     std::fs::create_dir(f.0.join("d.png")).unwrap();
     f.file("p.hdr", "#?RADIANCE");
     let cases: &[(&[&str], &str)] = &[
-        (&[], "a command is missing: demo, info, light, precompute, render, frames, compare, chart or devices"),
+        (&[], "a command is missing: demo, info, light, transfer, precompute, render, frames, compare, chart or devices"),
         (&["rendr"], "unrecognized subcommand 'rendr'"),
         (&["render", "v.nrrd"], "--out <FILE>"),
         (&["render", "v.nrrd", "-o", "x.jpg"], "x.jpg: its extension must be .exr or .png"),

@@ -98,9 +98,9 @@ fn a_clipped_medium_covers_by_the_chord_that_is_left() {
             // All faces as half spaces n.p >= d.
             let sides = [20.0, 15.0, 20.0];
             let mut faces = vec![(-DVec3::Y, -9.0), (DVec3::new(1.0, 0.0, 1.0), 12.0)];
-            for a in 0..3 {
-                faces.push((DVec3::AXES[a], 0.0));
-                faces.push((-DVec3::AXES[a], -sides[a]));
+            for (axis, side) in DVec3::AXES.into_iter().zip(sides) {
+                faces.push((axis, 0.0));
+                faces.push((-axis, -side));
             }
             for (k, (n, d)) in faces.into_iter().enumerate() {
                 let t = (d - n.dot(o)) / n.dot(w);

@@ -114,7 +114,8 @@ fn structs_lie_as_in_the_rust() {
         .collect();
     assert_eq!(named, ours);
     assert!(named.len() > 15);
-    let mut checks = text.clone();
+    // Handles point to nothing, which C has no word for.
+    let mut checks = text.replace("_private[0]", "_private[1]");
     let mut count = 0;
     let mut same = |a: String, b: String| {
         count += 1;

@@ -171,11 +171,10 @@ fn bad_headers_say_what_is_wrong() {
     says(open(&dir, dim(2, 0)), &["dim[2] is 0"]);
     says(open(&dir, dim(2, -4)), &["dim[2] is -4"]);
     says(open(&dir, dim(1, 6)), &["6x4x3 float32 samples need 288 bytes, the file holds 240"]);
-    for (code, what) in
-        [(1, "single bits"), (32, "complex"), (128, "RGB"), (2304, "RGBA"), (1536, "128-bit"), (1792, "complex"), (77, "unknown")]
-    {
+    for (code, what) in [(1, "single bits"), (32, "complex"), (1536, "128-bit"), (1792, "complex"), (77, "unknown")] {
         says(open(&dir, |h| h.i16(70, code)), &[what, &format!("datatype {code}"), "8 to 64 bits"]);
     }
+    says(open(&dir, |h| h.i16(70, 128)), &["RGB colours", "datatype 128", "volume.component: R, G, B"]);
     says(open(&dir, |h| h.bytes[344..348].fill(0)), &["ANALYZE 7.5"]);
     says(open(&dir, |h| h.bytes[344..348].copy_from_slice(b"n+9\0")), &["its mark is 'n+9"]);
     says(open(&dir, |h| (h.i32(0, 540), h.bytes[4..8].copy_from_slice(b"n+2\0")).0), &["NIfTI-2"]);
@@ -213,4 +212,21 @@ fn damaged_data_say_how_much_was_there() {
     let options = ReadOptions { max_bytes: u64::MAX, ..Default::default() };
     says(read_volume(&dir.file("h.nii.gz", &[&gzip(&huge)]), &options), &["of gzip data can hold"]);
     says(open(&gzip(&huge)), &["the limit is 16.0 GiB"]);
+}
+
+#[test]
+fn volumes_of_a_series_and_colours_are_chosen() {
+    let dir = Folder::new();
+    let (a, b) = (bytes(SampleType::I16, false), bytes(SampleType::U16, false));
+    let head = nifti_header([4, 5, 4, 3, 2, 1, 1, 1], 4, 16, false);
+    let pick = |path: &std::path::Path, c: &str| read_volume(path, &ReadOptions { component: Some(c.into()), ..Default::default() });
+    let whole = [head.as_slice(), &b, &a].concat();
+    for (name, content) in [("s.nii", whole.clone()), ("s.nii.gz", gzip(&whole))] {
+        let path = dir.file(name, &[&content]);
+        says(read_volume(&path, &ReadOptions::default()), &["a series of 2 volumes", "volume.component, 0 to 1"]);
+        assert!(holds(&pick(&path, "1").unwrap(), SampleType::I16) && !holds(&pick(&path, "0").unwrap(), SampleType::I16));
+    }
+    let colours: Vec<u8> = bytes(SampleType::U8, false).iter().flat_map(|&v| [9, v, 7]).collect();
+    let path = dir.file("c.nii", &[&nifti_header(DIM, 128, 24, false), &colours]);
+    assert!(holds(&pick(&path, "G").unwrap(), SampleType::U8) && pick(&path, "0").unwrap().range() == [9.0, 9.0]);
 }

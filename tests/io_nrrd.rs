@@ -319,7 +319,7 @@ fn raw_files_account_for_every_byte() {
     says(open(RawLayout { dims: [0, 1, 1], ..layout }), &["0x1x1"]);
     says(open(RawLayout { spacing: [0.0, 1.0, 1.0], ..layout }), &["grid spacing"]);
     says(read(&path), &["no volume file known", "--volume.dims"]);
-    says(read(&dir.file("a.vti", &[b"<VTKFile"])), &["a VTK file, which is not read"]);
+    says(read(&dir.file("a.vtu", &[b"x"])), &["a VTK file of another kind, which is not read"]);
     says(read(&dir.file("empty.raw", &[])), &["it is empty"]);
 }
 
@@ -356,4 +356,34 @@ fn samples_that_are_not_finite_are_counted_and_the_rest_described() {
     assert_eq!((c.not_finite, c.range), (0, [-9.0, 6.0]));
     let none = describe_file(&file("c.nrrd", &[f32::NAN; 5]), &ReadOptions::default()).unwrap();
     assert_eq!((none.not_finite, none.range, none.histogram.iter().sum::<u64>()), (5, [0.0; 2], 0));
+}
+
+#[test]
+fn components_are_chosen() {
+    let dir = Folder::new();
+    let (a, b) = (bytes(SampleType::I16, false), bytes(SampleType::U16, false));
+    let both: Vec<u8> = a.chunks(2).zip(b.chunks(2)).flat_map(|(a, b)| [a, b].concat()).collect();
+    let head = |more: &str| format!("NRRD0004\ntype: short\nencoding: raw\nendian: little\n{more}\n\n").into_bytes();
+    let pick = |path: &Path, c: usize| read_volume(path, &ReadOptions { component: Some(c.to_string()), ..Default::default() });
+    let is_a = |v: Volume| (0..60).all(|i| v.value(i) == values(SampleType::I16)[i] as f32) && v.grid().dims() == DIMS;
+    let fast = dir.file("f.nrrd", &[&head("dimension: 4\nsizes: 2 5 4 3\nkinds: vector domain domain domain"), &both]);
+    says(read(&fast), &["axis 0 has 2 samples and is of kind 'vector'", "choose one with volume.component, 0 to 1"]);
+    assert!(is_a(pick(&fast, 0).unwrap()) && !is_a(pick(&fast, 1).unwrap()));
+    says(pick(&fast, 2), &["'2' is none of"]);
+    for more in ["dimension: 4\nsizes: 5 4 3 2\nkinds: domain domain domain list", "dimension: 4\nsizes: 5 4 3 2"] {
+        let slow = dir.file("s.nrrd", &[&head(more), &b, &a]);
+        assert!(read(&slow).is_err());
+        assert!(is_a(pick(&slow, 1).unwrap()) && !is_a(pick(&slow, 0).unwrap()), "{more}");
+        let packed = dir.file(
+            "g.nrrd",
+            &[
+                &[b"NRRD0004\ntype: short\nendian: little\nencoding: gzip\n", more.as_bytes(), b"\n\n"].concat(),
+                &gzip(&[b.clone(), a.clone()].concat()),
+            ],
+        );
+        assert!(is_a(pick(&packed, 1).unwrap()) && !is_a(pick(&packed, 0).unwrap()), "{more}");
+    }
+    let one = dir.file("1.nrrd", &[&head("dimension: 3\nsizes: 5 4 3"), &a]);
+    assert!(is_a(pick(&one, 0).unwrap()));
+    says(pick(&one, 1), &["volume.component", "0 is its only component"]);
 }

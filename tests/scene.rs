@@ -1,7 +1,7 @@
 //! Scene files: every key, every default, every refusal.
 
 use glam::DVec3;
-use halflight::io::{parse_scene, read_scene, scene_of_volume};
+use halflight::io::{parse_scene, read_scene, scene_of_volume, scene_text};
 use halflight::scene::animation::{Ease, Keyframe, Track};
 use halflight::scene::camera::{CameraSettings, Space};
 use halflight::scene::keys;
@@ -25,6 +25,8 @@ fn with(text: &str, overrides: &[(&str, &str)]) -> Result<Scene, String> {
 const FULL: &str = r#"
 [volume]
 file = "ct.raw"
+component = "0"
+series = "1.2.3"
 dims = [4, 5, 6]
 type = "int16"
 spacing = [1, 1.5, 2]
@@ -97,6 +99,7 @@ keyframe = [{ frame = 4, camera.fov = 45 }]
 fn every_key_is_read() {
     let s = parse(FULL).unwrap();
     assert_eq!(s.volume.file, PathBuf::from("/scenes/ct.raw"));
+    assert_eq!((s.volume.component.as_deref(), s.volume.series.as_deref()), (Some("0"), Some("1.2.3")));
     assert_eq!(s.volume.nan_as, Some(-3.5));
     let raw = s.volume.raw.clone().unwrap();
     assert_eq!((raw.dims, raw.sample_type.as_str(), raw.spacing), ([4, 5, 6], "int16", [1.0, 1.5, 2.0]));
@@ -235,6 +238,9 @@ fn each_refusal_says_what_where_and_what_would_be_right() {
         ("volume.file = 'a'\nvolume.dims = [1, 2, 3]\nvolume.type = 'half'", "it must be \"uint8\" or \"int8\" or"),
         ("volume.file = 'a'\nvolume.type = 'uint8'", "s.toml line 2: `volume.type` stands without `volume.dims`"),
         ("volume.file = 'a'\nvolume.dims = [1, 2, 3]\nvolume.type = 'int8'\nvolume.offset = -1", "`volume.offset` is -1"),
+        ("volume.file = 'a'\nvolume.spacing = [0, 1, 1]", "`volume.spacing` is [0, 1, 1]; it must be three numbers above 0"),
+        ("volume.file = 'a'\nvolume.component = 1.5", "`volume.component` is 1.5"),
+        ("volume.file = 'a'\nvolume.series = ''", "`volume.series`"),
         ("volume.file = 'a'\nvolume.dims = [1, 2, 3]\nvolume.type = 'int8'\nvolume.spacing = [0, 1, 1]", "`volume.spacing` is [0, 1, 1]"),
         ("volume.file = 'a'\nvolume.nan_as = nan", "`volume.nan_as` is nan; it must be a finite number"),
         ("volume.file = 'a'\ntransfer.points = [[0, 1, 1, 1]]", "`transfer.points` has [0, 1, 1, 1] as its point 0"),
@@ -312,7 +318,7 @@ fn overrides_replace_keys_and_pass_the_same_checks() {
     // A path from the command line is not the scene's.
     assert_eq!(s.volume.file, PathBuf::from("b.raw"));
     assert_eq!(s.origins.of("visibility.ratio"), "command line");
-    assert_eq!(s.origins.of("visibility.bits"), "s.toml line 33");
+    assert_eq!(s.origins.of("visibility.bits"), "s.toml line 35");
     // The last one holds; quotes are allowed; a number may be a name.
     let s = with("volume.file='a'", &[("light.scale", "3"), ("light.scale", "4"), ("light.probe", "\"x y.hdr\""), ("transfer.file", "1")]);
     let s = s.unwrap();
@@ -498,4 +504,20 @@ fn a_scenes_text_is_the_same_scene_again() {
         let dropped: String = again.lines().filter(|l| !l.starts_with("ratio")).map(|l| format!("{l}\n")).collect();
         assert!(text.len() < 100 || read(&dropped) != scene || !again.contains("ratio = 2"));
     }
+}
+
+#[test]
+fn components_series_and_spacing_of_a_volume() {
+    let text = "[volume]\nfile = 'a'\ncomponent = 2\nseries = '1.2.840.5'\nspacing = [0.5, 1, 2]\n";
+    let scene = parse_scene(text, "s.toml", Path::new(""), &[]).unwrap();
+    let v = &scene.volume;
+    assert_eq!((v.component.as_deref(), v.series.as_deref(), v.spacing), (Some("2"), Some("1.2.840.5"), Some([0.5, 1.0, 2.0])));
+    assert_eq!(parse_scene(&scene_text(&scene), "t", Path::new(""), &[]).unwrap().volume, scene.volume);
+    // On the command line names need no quotes, and a UID is no number.
+    let over = [("volume.component", "velocity:1"), ("volume.series", "1.2"), ("volume.spacing", "1,1,3")];
+    let v = parse_scene(text, "s.toml", Path::new(""), &over).unwrap().volume;
+    assert_eq!((v.component.as_deref(), v.series.as_deref(), v.spacing), (Some("velocity:1"), Some("1.2"), Some([1.0, 1.0, 3.0])));
+    // A headerless file's spacing belongs to its layout.
+    let raw = parse_scene("volume = {file = 'a', dims = [1, 2, 3], type = 'int8', spacing = [1, 2, 3]}", "s", Path::new(""), &[]).unwrap();
+    assert_eq!((raw.volume.spacing, raw.volume.raw.map(|r| r.spacing)), (None, Some([1.0, 2.0, 3.0])));
 }

@@ -194,7 +194,7 @@ fn little_memory_makes_a_sweep_slower_not_impossible() {
     let (_, medium) = load(&tiny, &volume, &linear(2.0));
     let before = tiny.memory();
     for text in [
-        tiny.admit(&medium, &v, None).err().expect("too little").to_string(),
+        tiny.admit(&medium, &v, None).expect_err("too little").to_string(),
         tiny.precompute(&medium, &v, &mut quiet).err().expect("too little").to_string(),
     ] {
         assert!(text.contains("1:2 would fit"), "{text}");

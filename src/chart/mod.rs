@@ -12,6 +12,7 @@ mod csv;
 mod field;
 mod figures;
 mod frame;
+mod histogram;
 mod html;
 mod judge;
 mod labels;
@@ -31,6 +32,7 @@ use std::time::Instant;
 
 pub use csv::points_csv;
 pub use figures::record;
+pub use histogram::{histogram_png, histogram_svg};
 pub use html::report_html;
 pub use report::{FieldPoint, FramePoint, Level, Reference, Report, Saving, Shown, StabilityRow, SubjectReport, Timing};
 

@@ -48,8 +48,17 @@ pub fn command() -> Command {
             Command::new("info")
                 .about("Describe a volume, a light probe, a visibility field or a scene")
                 .arg(
-                    path("file", "FILE", "NRRD, NIfTI or headerless volume, probe (.hdr, .exr), field (.nrrd), or scene (.toml)")
-                        .required(true),
+                    path(
+                        "file",
+                        "FILE",
+                        "volume (NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, DICOM file or folder, 'slice_####.tif', headerless), probe \
+                         (.hdr, .exr), field (.nrrd), or scene (.toml)",
+                    )
+                    .required(true),
+                )
+                .arg(
+                    path("plot", "FILE", "also draw a volume's histogram, and a first guess of a transfer function (.png or .svg)")
+                        .long("plot"),
                 )
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),
@@ -60,6 +69,37 @@ pub fn command() -> Command {
                 .arg(path("probe", "PROBE", "lat-long probe, .hdr or .exr").required(true))
                 .arg(path("out", "FILE", "also draw the probe and, right of it, its projection (.png or .exr)").short('o').long("out"))
                 .args(scene_args(OF_LIGHT)),
+        )
+        .subcommand(
+            Command::new("transfer")
+                .about("List the transfer functions in another program's file, or convert them and say what is lost")
+                .arg(
+                    path("in", "FILE", "ParaView or NiiVue .json, Slicer .xml or .vp, Voreen .tfi or .tfg, Inviwo .itf, ImageVis3D .1dt")
+                        .required(true),
+                )
+                .arg(path("out", "FILE", "what to write: .json, .xml, .vp, .tfi, .itf or .1dt").short('o').long("out"))
+                .arg(
+                    Arg::new("preset")
+                        .long("preset")
+                        .value_name("NAME")
+                        .help("one preset of a file that holds several (without: all, where the output holds several)"),
+                )
+                .arg(
+                    Arg::new("range")
+                        .long("range")
+                        .value_name("LOW,HIGH")
+                        .value_parser(parse_range)
+                        .allow_hyphen_values(true)
+                        .requires("out")
+                        .help("scalars that the preset's ends are laid on"),
+                )
+                .arg(
+                    Arg::new("list")
+                        .long("list")
+                        .action(ArgAction::SetTrue)
+                        .conflicts_with("out")
+                        .help("only name the presets, one a line"),
+                ),
         )
         .subcommand(
             Command::new("precompute")
@@ -268,6 +308,16 @@ fn wanted() -> [Arg; 2] {
             .value_name("draft|normal|fine")
             .help("the same in words: error 0.12 at 1:8, 0.06 at 1:4, 0.03 at 1:2"),
     ]
+}
+
+/// "0,255": two finite numbers that ascend.
+fn parse_range(text: &str) -> Result<[f64; 2], String> {
+    let numbers = text.trim().trim_start_matches('[').trim_end_matches(']').split_once(',');
+    let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    match numbers.and_then(|(a, b)| Some([number(a)?, number(b)?])) {
+        Some([lo, hi]) if lo < hi => Ok([lo, hi]),
+        _ => Err("it must be two ascending numbers, such as -1000,3000".into()),
+    }
 }
 
 /// Seconds above 0.

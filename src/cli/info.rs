@@ -8,12 +8,14 @@ use super::path_of;
 use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
+use halflight::chart;
 use halflight::engine::precompute_memory;
-use halflight::error::{bytes, escaped};
+use halflight::error::{Error, bytes, escaped, shown};
 use halflight::io::{self, NrrdField, VolumeInfo};
 use halflight::measure;
 use halflight::scene::{Probe, Scene};
 use serde_json::{Value, json};
+use std::io::Write;
 use std::path::Path;
 
 /// `halflight info FILE`
@@ -26,13 +28,17 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         let scene = load::scene(path, &overrides)?;
         let loaded = load::load(&scene, &Progress::new(&[load::READ]))?;
         report.set("kind", json!("scene"));
-        volume(&mut report, &scene, &io::describe(&loaded.volume))?;
+        let info = io::describe(&loaded.volume);
+        volume(&mut report, &scene, &info)?;
+        plot(&mut report, m, &scene, &info)?;
         about_scene(&mut report, &scene, &loaded);
-    } else if io::is_probe(path)? {
+    } else if !io::is_volume_set(path) && io::is_probe(path)? {
+        no_plot(m, "a probe")?;
         check_used(&overrides, &[], "the description of a probe").map_err(Failure::usage)?;
         report.set("kind", json!("probe"));
         probe(&mut report, path, &io::read_probe(path)?);
-    } else if io::is_nrrd_field(path)? {
+    } else if !io::is_volume_set(path) && io::is_nrrd_field(path)? {
+        no_plot(m, "a field")?;
         check_used(&overrides, &[], "the description of a field").map_err(Failure::usage)?;
         report.set("kind", json!("field"));
         field(&mut report, path, &io::read_nrrd_field(path, &Default::default())?);
@@ -40,7 +46,10 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         check_used(&overrides, OF_VOLUME, "the description of a volume").map_err(Failure::usage)?;
         let scene = load::scene(path, &overrides)?;
         report.set("kind", json!("volume"));
-        volume(&mut report, &scene, &load::volume_info(&scene)?)?;
+        let info = load::volume_info(&scene)?;
+        volume(&mut report, &scene, &info)?;
+        guess(&mut report, &info);
+        plot(&mut report, m, &scene, &info)?;
     }
     report.finish()
 }
@@ -68,6 +77,39 @@ fn volume(report: &mut Report, scene: &Scene, info: &VolumeInfo) -> Result<(), F
     let value =
         serde_json::to_value(info).map_err(|e| Failure { code: 1, sentence: format!("the description cannot be written as JSON: {e}") })?;
     report.set("volume", value);
+    Ok(())
+}
+
+fn no_plot(m: &ArgMatches, what: &str) -> Result<(), Failure> {
+    match m.contains_id("plot") {
+        true => Err(Failure::usage(format!("--plot draws the histogram of a volume, and this is {what}"))),
+        false => Ok(()),
+    }
+}
+
+/// A transfer function to begin with, as a scene has it.
+fn guess(report: &mut Report, info: &VolumeInfo) {
+    let points = io::guess_transfer(info);
+    report.text("a first guess of a transfer function, for a scene:");
+    report.text("  [transfer]");
+    let rows = points.iter().map(|p| format!("[{}]", p.map(|v| v.to_string()).join(", "))).collect::<Vec<_>>();
+    report.text(format!("  points = [{}]", rows.join(", ")));
+    report.set("transfer", json!({ "reference": "voxel", "points": points }));
+}
+
+/// Draws the histogram where `--plot` asks for it.
+fn plot(report: &mut Report, m: &ArgMatches, scene: &Scene, info: &VolumeInfo) -> Result<(), Failure> {
+    let Some(path) = m.get_one::<std::path::PathBuf>("plot") else { return Ok(()) };
+    let name = scene.volume.file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let points = io::guess_transfer(info);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let bytes = match extension.as_str() {
+        "svg" => chart::histogram_svg(&name, info, &points)?.into_bytes(),
+        "png" => chart::histogram_png(&name, info, &points)?,
+        _ => return Err(Failure::usage(format!("--plot {}: it must end in .png or .svg", shown(path)))),
+    };
+    io::write_aside(path, |out| out.write_all(&bytes).map_err(|source| Error::Io { path: path.clone(), action: "write", source }))?;
+    report.wrote(path);
     Ok(())
 }
 

@@ -50,8 +50,17 @@ fn read<T>(scene: &Scene, bar: &Progress, with: impl FnOnce(&ReadOptions) -> Res
     bar.enter(READ);
     let show = |fraction: f64| bar.show(fraction);
     let raw = scene.volume.raw.as_ref().map(layout).transpose()?;
-    let options = ReadOptions { raw, nan_as: scene.volume.nan_as, progress: Some(&show), ..ReadOptions::default() };
-    Ok(with(&options)?)
+    let v = &scene.volume;
+    let options = ReadOptions {
+        raw,
+        component: v.component.clone(),
+        series: v.series.clone(),
+        spacing: v.spacing,
+        nan_as: v.nan_as,
+        progress: Some(&show),
+        ..ReadOptions::default()
+    };
+    Ok(with(&options).map_err(|e| scene.origins.blame(e))?)
 }
 
 /// Reads all that the scene names and checks it against the data. The small files come first: their errors should not

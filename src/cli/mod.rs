@@ -22,6 +22,7 @@ mod reference;
 mod render;
 mod report;
 mod session;
+mod transfer;
 
 use clap::ArgMatches;
 use clap::error::ErrorKind;
@@ -85,7 +86,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         }
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand) => {
             return Err(Failure::usage(
-                "a command is missing: demo, info, light, precompute, render, frames, compare, chart or devices; see halflight --help",
+                "a command is missing: demo, info, light, transfer, precompute, render, frames, compare, chart or devices; see halflight --help",
             ));
         }
         Err(e) => return Err(e.into()),
@@ -105,6 +106,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         "compare" => compare::run(&context, m),
         "info" => info::run(&context, m),
         "light" => light::run(&context, m),
+        "transfer" => transfer::run(&context, m),
         "precompute" => precompute::run(&context, m),
         "render" => render::render(&context, m),
         "frames" => frames::run(&context, m),

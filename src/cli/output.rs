@@ -13,6 +13,7 @@ pub enum Kind {
     Exr,
     Png,
     Nrrd,
+    Transfer,
 }
 
 /// A place that can be written to.

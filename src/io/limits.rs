@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result, bytes, escaped, shown};
 use crate::scene::Grid;
-use flate2::bufread::GzDecoder;
+use flate2::bufread::{GzDecoder, ZlibDecoder};
 use glam::DAffine3;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -65,12 +65,14 @@ pub(crate) fn open(path: &Path) -> Result<(BufReader<File>, u64)> {
     Ok((BufReader::with_capacity(1 << 16, file), length))
 }
 
-/// The sample bytes of a file: plain, of known length, or gzip.
+/// The sample bytes of a file: plain, of known length, gzip, or as another decoder yields them.
 pub(crate) enum Source {
     /// Bytes as they stand; so many are left.
     Plain(BufReader<File>, u64),
     /// Gzip, from so many compressed bytes.
     Gzip(Gunzip, u64),
+    /// What a decoder of that name ("zlib", "base64", …) yields: at most so many bytes.
+    Coded(Box<dyn Read>, &'static str, u64),
 }
 
 impl Source {
@@ -81,9 +83,18 @@ impl Source {
         Ok(if gzip { Source::Gzip(Gunzip::new(file), left) } else { Source::Plain(file, left) })
     }
 
-    /// Whether the bytes are compressed.
-    pub fn is_gzip(&self) -> bool {
-        matches!(self, Source::Gzip(..))
+    /// A zlib stream of at most `length` bytes at the reader's place.
+    pub fn zlib(file: BufReader<File>, length: u64) -> Self {
+        Source::Coded(Box::new(ZlibDecoder::new(file.take(length))), "zlib", length.saturating_mul(DEFLATE_RATIO))
+    }
+
+    /// How the bytes are coded, where they are.
+    pub fn coding(&self) -> Option<&'static str> {
+        match self {
+            Source::Plain(..) => None,
+            Source::Gzip(..) => Some("gzip"),
+            Source::Coded(_, name, _) => Some(name),
+        }
     }
 
     /// Refuses a claim of `needs` bytes that the file cannot hold, before anything is allocated. `what` names the
@@ -98,6 +109,11 @@ impl Source {
             Source::Gzip(_, left) if needs / DEFLATE_RATIO > *left => Err(bad(
                 path,
                 format!("{what} need {needs} bytes, more than {left} bytes of gzip data can hold"),
+                "the file is cut short or its header is wrong",
+            )),
+            Source::Coded(_, name, most) if needs > *most => Err(bad(
+                path,
+                format!("{what} need {needs} bytes, more than the {name} data can hold ({most})"),
                 "the file is cut short or its header is wrong",
             )),
             _ => Ok(()),
@@ -118,14 +134,10 @@ impl Source {
                 *left -= count;
                 file.seek_relative(count as i64).map_err(|e| io(path, "read", e))
             }
-            Source::Gzip(..) => match std::io::copy(&mut (&mut *self).take(count), &mut std::io::sink()) {
+            _ => match std::io::copy(&mut (&mut *self).take(count), &mut std::io::sink()) {
                 Ok(n) if n == count => Ok(()),
                 Ok(n) => Err(bad(path, format!("{count} bytes are to be skipped where {n} are left"), "the skip must lie inside the data")),
-                Err(e) => Err(bad(
-                    path,
-                    format!("the gzip data are damaged in the {count} bytes to be skipped: {e}"),
-                    "an undamaged file is needed",
-                )),
+                Err(e) => Err(damaged(path, self, e, format!("in the {count} bytes to be skipped"))),
             },
         }
     }
@@ -149,11 +161,13 @@ impl Read for Source {
     fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
         match self {
             Source::Plain(file, left) => {
-                let n = file.read(buf)?;
+                // Not beyond what is its: other data may follow.
+                let n = file.take(*left).read(buf)?;
                 *left = left.saturating_sub(n as u64);
                 Ok(n)
             }
             Source::Gzip(g, _) => g.read(buf),
+            Source::Coded(r, ..) => r.read(buf),
         }
     }
 }
@@ -161,12 +175,17 @@ impl Read for Source {
 /// What a failed read means.
 pub(crate) fn damaged(path: &Path, source: &Source, error: std::io::Error, place: String) -> Error {
     use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
-    match error.kind() {
-        UnexpectedEof if source.is_gzip() => {
-            bad(path, format!("the gzip data break off {place}"), "the file is cut short; a whole one is needed")
+    // A decoder that knows more says it in an error of ours.
+    let error = match error.downcast::<Error>() {
+        Ok(ours) => return ours,
+        Err(error) => error,
+    };
+    match (error.kind(), source.coding()) {
+        (UnexpectedEof, Some(coding)) => {
+            bad(path, format!("the {coding} data break off {place}"), "the file is cut short; a whole one is needed")
         }
-        InvalidData | InvalidInput if source.is_gzip() => {
-            bad(path, format!("the gzip data are damaged {place}: {}", quote(&error.to_string())), "an undamaged file is needed")
+        (InvalidData | InvalidInput, Some(coding)) => {
+            bad(path, format!("the {coding} data are damaged {place}: {}", quote(&error.to_string())), "an undamaged file is needed")
         }
         _ => io(path, "read", error),
     }

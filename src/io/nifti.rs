@@ -8,7 +8,7 @@ use super::ReadOptions;
 use super::limits::{Source, bad, damaged, fill, grid, open, quote};
 use super::samples::{self, Layout, SampleType};
 use crate::error::{Error, Result};
-use crate::scene::{Grid, Volume};
+use crate::scene::{Grid, Samples, Volume};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use std::fs::File;
 use std::io::BufReader;
@@ -64,21 +64,22 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, gzip: bool, 
     }
     let h = Bytes { raw: &raw, big_endian: i32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]).swap_bytes() == 348 };
     let single = check_magic(path, &h)?;
-    let dims = dims(path, &h)?;
-    let kind = kind(path, &h)?;
+    let (kind, colors) = kind(path, &h)?;
+    let (dims, pick) = dims(path, &h, colors, options)?;
     let grid = place(path, &h, dims)?;
     let (slope, intercept) = rescale(path, &h)?;
-    let stored = options.nan_as.map(|v| (v - intercept) / slope);
-    if let Some(v) = stored.filter(|v| !v.is_finite()) {
-        return Err(bad(
-            path,
-            format!("volume.nan_as becomes {v} with slope {slope} and intercept {intercept}"),
-            "it must be finite as a stored sample",
-        ));
+    let stored = as_stored(path, options.nan_as, slope, intercept)?;
+    let mut layout = Layout { big_endian: h.big_endian, replace: stored, ..Layout::scalar(dims, kind) };
+    let mut before = 0;
+    if colors > 1 {
+        (layout.components, layout.pick) = (colors, Some(pick.0));
+    } else {
+        // Volumes stand one after the other.
+        before = layout.stored_bytes().and_then(|n| n.checked_mul(pick.0 as u64)).unwrap_or(u64::MAX);
+        layout.more = pick.0 + 1 < pick.1;
     }
-    let layout = Layout { dims, components: 1, kind, big_endian: h.big_endian, text: false, replace: stored };
     let offset = offset(path, &h, single)?;
-    let (path, source) = if single {
+    let (path, mut source) = if single {
         source.skip(path, offset - HEADER as u64)?;
         (path.to_owned(), source)
     } else {
@@ -86,10 +87,29 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, gzip: bool, 
         source.skip(&path, offset)?;
         (path, source)
     };
-    let volume = Volume::new(grid, samples::read(&path, source, &layout, options)?, slope, intercept)?;
+    source.skip(&path, before)?;
+    rescaled(&path, grid, samples::read(&path, source, &layout, options)?, slope, intercept)
+}
+
+/// What stands in for NaN, as a stored sample.
+pub(super) fn as_stored(path: &Path, nan_as: Option<f32>, slope: f32, intercept: f32) -> Result<Option<f32>> {
+    let stored = nan_as.map(|v| (v - intercept) / slope);
+    match stored.filter(|v| !v.is_finite()) {
+        None => Ok(stored),
+        Some(v) => Err(bad(
+            path,
+            format!("volume.nan_as becomes {v} with slope {slope} and intercept {intercept}"),
+            "it must be finite as a stored sample",
+        )),
+    }
+}
+
+/// A volume whose slope and intercept come from a file.
+pub(super) fn rescaled(path: &Path, grid: Grid, samples: Samples, slope: f32, intercept: f32) -> Result<Volume> {
+    let volume = Volume::new(grid, samples, slope, intercept)?;
     if volume.range().iter().any(|v| !v.is_finite()) {
         let what = format!("slope {slope} and intercept {intercept} take its samples beyond the range of float32");
-        return Err(bad(&path, what, "values must be finite"));
+        return Err(bad(path, what, "values must be finite"));
     }
     Ok(volume)
 }
@@ -113,11 +133,13 @@ fn check_magic(path: &Path, h: &Bytes) -> Result<bool> {
     }
 }
 
-fn dims(path: &Path, h: &Bytes) -> Result<[usize; 3]> {
+/// Dims, and of how many volumes or colours which is wanted: (index, count).
+fn dims(path: &Path, h: &Bytes, colors: usize, options: &ReadOptions) -> Result<([usize; 3], (usize, usize))> {
     let dim: [i16; 8] = std::array::from_fn(|i| h.i16(40 + 2 * i));
     let used = usize::try_from(dim[0]).ok().filter(|n| (1..=7).contains(n));
     let used = used.ok_or_else(|| bad(path, format!("dim[0] is {}", dim[0]), "it counts the axes, 1 to 7"))?;
     let mut dims = [1; 3];
+    let (mut volumes, mut series) = (1usize, None);
     for (axis, &n) in dim.iter().enumerate().skip(1).take(used) {
         match n {
             1.. if axis <= 3 => dims[axis - 1] = n as usize,
@@ -126,17 +148,34 @@ fn dims(path: &Path, h: &Bytes) -> Result<[usize; 3]> {
                     4 => format!("it is a series of {n} volumes (dim[4])"),
                     _ => format!("each voxel has {n} values (dim[{axis}])"),
                 };
-                return Err(bad(path, what, "one scalar volume is needed; `fslroi` or nibabel cut one out"));
+                volumes = volumes.saturating_mul(n as usize);
+                series.get_or_insert(what);
             }
             // Unused axes are often left at 0.
             0 | 1 if axis > 3 => {}
             _ => return Err(bad(path, format!("dim[{axis}] is {n}"), "an axis has at least 1 voxel")),
         }
     }
-    Ok(dims)
+    if colors > 1 {
+        if let Some(series) = series {
+            return Err(bad(path, format!("{series}, of colours"), "one scalar volume is needed; `fslroi` or nibabel cut one out"));
+        }
+        let labels = ["R", "G", "B", "A"].map(String::from);
+        let what = format!("its samples are {} colours (datatype {})", if colors == 3 { "RGB" } else { "RGBA" }, h.i16(70));
+        return Ok((dims, (super::choose::component(path, &what, colors, &labels[..colors], None, options)?, colors)));
+    }
+    let what = series.unwrap_or_else(|| "it is one scalar volume".into());
+    let pick = super::choose::component(path, &what, volumes, &[], None, options).map_err(|e| match e {
+        Error::Format { path, what, right } => {
+            Error::Format { path, what, right: format!("one scalar volume is needed: {right}; `fslroi` or nibabel cut one out") }
+        }
+        other => other,
+    })?;
+    Ok((dims, (pick, volumes)))
 }
 
-fn kind(path: &Path, h: &Bytes) -> Result<SampleType> {
+/// Type of a sample, and samples per voxel that stand beside each other.
+fn kind(path: &Path, h: &Bytes) -> Result<(SampleType, usize)> {
     let right = "integers and floats of 8 to 64 bits are read";
     let refused = |what: &str| Err(bad(path, format!("its samples are {what} (datatype {})", h.i16(70)), right));
     let kind = match h.i16(70) {
@@ -152,15 +191,15 @@ fn kind(path: &Path, h: &Bytes) -> Result<SampleType> {
         1280 => SampleType::U64,
         1 => return refused("single bits"),
         32 | 1792 | 2048 => return refused("complex numbers"),
-        128 => return refused("RGB colours"),
-        2304 => return refused("RGBA colours"),
+        128 => return Ok((SampleType::U8, 3)),
+        2304 => return Ok((SampleType::U8, 4)),
         1536 => return refused("128-bit floats"),
         _ => return refused("of an unknown type"),
     };
     if i64::from(h.i16(72)) != kind.bytes() as i64 * 8 {
         log::warn!("{}: bitpix is {}, the datatype is {}; the datatype holds", crate::error::shown(path), h.i16(72), kind.name());
     }
-    Ok(kind)
+    Ok((kind, 1))
 }
 
 /// scl_slope and scl_inter; a slope of 0 (or one that is not finite, as some programs leave it) means none.

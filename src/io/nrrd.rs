@@ -7,7 +7,7 @@ use super::ReadOptions;
 use super::limits::{Source, bad, grid, io, open, quote};
 use super::nrrd_header::{self as header, Encoding, Header};
 use super::samples::{self, Layout};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::{Grid, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 use std::fs::File;
@@ -17,18 +17,31 @@ use std::path::{Component, Path, PathBuf};
 /// Reads the volume in an opened NRRD file of `length` bytes.
 pub(super) fn read(path: &Path, mut file: BufReader<File>, length: u64, options: &ReadOptions) -> Result<Volume> {
     let header = header::read(path, &mut file)?;
-    let axes = spatial_axes(path, &header)?;
+    let (axes, apart) = spatial_axes(path, &header, options)?;
     let dims = dims(path, &header, axes)?;
     let grid = place(path, &header, axes, dims)?;
-    let layout = Layout {
-        dims,
-        components: 1,
-        kind: header.kind,
+    let mut layout = Layout {
         big_endian: header.big_endian,
         text: header.encoding == Encoding::Text,
         replace: options.nan_as,
+        ..Layout::scalar(dims, header.kind)
     };
-    let (path, source) = data(path, file, length, &header, &layout, options)?;
+    // Components that change fastest lie beside each other; those that change slowest are volumes one after the other.
+    let mut before = 0;
+    match apart {
+        None => {}
+        Some((0, count, pick)) => (layout.components, layout.pick) = (count, Some(pick)),
+        Some((_, count, pick)) => {
+            if layout.text || header.byte_skip < 0 {
+                let what = format!("its {count} volumes are text, or end the file (byte skip: -1)");
+                return Err(bad(path, what, "one of several is read from encoding: raw or gzip; `unu slice` cuts one out"));
+            }
+            before = layout.stored_bytes().and_then(|n| n.checked_mul(pick as u64)).unwrap_or(u64::MAX);
+            layout.more = pick + 1 < count;
+        }
+    }
+    let (path, mut source) = data(path, file, length, &header, &layout, options)?;
+    source.skip(&path, before)?;
     Volume::new(grid, samples::read(&path, source, &layout, options)?, 1.0, 0.0)
 }
 
@@ -42,9 +55,12 @@ fn not_spatial(header: &Header, axis: usize) -> Option<String> {
     (directions[axis].is_none() && directions.iter().any(Option::is_some)).then(|| "without a direction in space".into())
 }
 
+/// Axes x, y, z, and beside them (axis, its size, the component wanted).
+type Axes = ([Option<usize>; 3], Option<(usize, usize, usize)>);
+
 /// The axes x, y and z; the third is missing for a 2-D image. Axes of size 1 that are too many fall away, those that are
-/// not spatial first.
-fn spatial_axes(path: &Path, header: &Header) -> Result<[Option<usize>; 3]> {
+/// not spatial first. One more, of components, may be the fastest or the slowest.
+fn spatial_axes(path: &Path, header: &Header, options: &ReadOptions) -> Result<Axes> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     let drop = |axes: &mut Vec<usize>, which: &dyn Fn(usize) -> bool| {
         axes.iter().rposition(|&a| header.sizes[a] == 1 && which(a)).map(|i| axes.remove(i)).is_some()
@@ -52,10 +68,29 @@ fn spatial_axes(path: &Path, header: &Header) -> Result<[Option<usize>; 3]> {
     while axes.len() > 2 && drop(&mut axes, &|a| not_spatial(header, a).is_some()) {}
     while axes.len() > 3 && drop(&mut axes, &|_| true) {}
     let scalar = "a scalar volume has three axes in space, and beside them only axes of size 1";
-    if let Some((a, why)) = axes.iter().find_map(|&a| Some((a, not_spatial(header, a)?))) {
-        return Err(bad(path, format!("axis {a} has {} samples and is {why}", header.sizes[a]), scalar));
+    let odd = axes.iter().find_map(|&a| Some((a, not_spatial(header, a)?)));
+    let asked = options.component.is_some();
+    let mut apart = None;
+    // Without a word about it, a fourth axis holds components only where one is asked for.
+    if let Some(a) = odd.as_ref().map(|o| o.0).or_else(|| axes.last().copied().filter(|_| asked && axes.len() == 4)) {
+        let what = match &odd {
+            Some((_, why)) => format!("axis {a} has {} samples and is {why}", header.sizes[a]),
+            None => format!("axis {a} has {} samples", header.sizes[a]),
+        };
+        let (first, last) = (axes.first() == Some(&a), axes.last() == Some(&a));
+        let Some(count) = usize::try_from(header.sizes[a]).ok().filter(|_| axes.len() <= 4 && (first || last)) else {
+            return Err(bad(path, what, scalar));
+        };
+        let pick = super::choose::component(path, &what, count, &[], None, options).map_err(|e| match e {
+            Error::Format { path, what, right } => Error::Format { path, what, right: format!("{scalar}: {right}") },
+            other => other,
+        })?;
+        apart = Some((if first { 0 } else { a }, count, pick));
+        axes.retain(|&b| b != a);
+    } else if axes.len() <= 3 {
+        super::choose::component(path, "it is a scalar volume", 1, &[], None, options)?;
     }
-    match axes[..] {
+    let axes = match axes[..] {
         [x, y] => Ok([Some(x), Some(y), None]),
         [x, y, z] => Ok([Some(x), Some(y), Some(z)]),
         [_] => Err(bad(path, "it has one axis only", "2 or 3 axes in space are needed")),
@@ -65,7 +100,8 @@ fn spatial_axes(path: &Path, header: &Header) -> Result<[Option<usize>; 3]> {
             let what = format!("it has {} axes ({}); axis {last} alone has {}", sizes.len(), sizes.join("x"), header.sizes[last]);
             Err(bad(path, what, scalar))
         }
-    }
+    };
+    Ok((axes?, apart))
 }
 
 /// Voxels along the chosen axes.
@@ -152,7 +188,7 @@ pub(super) fn data(
 }
 
 /// The path of a data file that a header names, refused when it lies outside the header's folder.
-fn beside(path: &Path, name: &str, allow_outside: bool) -> Result<PathBuf> {
+pub(super) fn beside(path: &Path, name: &str, allow_outside: bool) -> Result<PathBuf> {
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),

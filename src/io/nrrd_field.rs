@@ -130,12 +130,10 @@ pub fn read_nrrd_field(path: &Path, options: &ReadOptions) -> Result<NrrdField> 
     let dims = dims_of(path, &header, axes)?;
     let grid = place(path, &header, axes, dims)?;
     let layout = Layout {
-        dims,
         components: coefficients,
-        kind: header.kind,
         big_endian: header.big_endian,
         text: header.encoding == Encoding::Text,
-        replace: None,
+        ..Layout::scalar(dims, header.kind)
     };
     let (data_path, source) = samples_of(path, file, length, &header, &layout, options)?;
     match samples::read(&data_path, source, &layout, options)? {

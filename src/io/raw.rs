@@ -18,8 +18,9 @@ impl RawLayout {
 /// Reads a headerless file. Its box begins at the world origin. Dims that do not account for every byte are wrong dims.
 pub(super) fn read(path: &Path, raw: &RawLayout, options: &ReadOptions) -> Result<Volume> {
     let grid = grid(path, raw.dims, DAffine3::from_scale(DVec3::from(raw.spacing)))?;
+    super::choose::component(path, "it is read as one scalar volume", 1, &[], None, options)?;
     let (file, length) = open(path)?;
-    let layout = Layout { dims: raw.dims, components: 1, kind: raw.kind, big_endian: raw.big_endian, text: false, replace: options.nan_as };
+    let layout = Layout { big_endian: raw.big_endian, replace: options.nan_as, ..Layout::scalar(raw.dims, raw.kind) };
     let needs = u128::from(grid.voxels()) * u128::from(raw.kind.bytes());
     let there = length.saturating_sub(raw.offset);
     if u128::from(there) != needs {

@@ -93,6 +93,10 @@ pub(crate) struct Layout {
     pub dims: [usize; 3],
     /// Samples per voxel, stored fastest; 1 for a scalar volume.
     pub components: usize,
+    /// The one of them that is kept; without it, all are.
+    pub pick: Option<usize>,
+    /// Other data follow the samples, by the format.
+    pub more: bool,
     pub kind: SampleType,
     pub big_endian: bool,
     /// Numbers in ASCII, parted by white space or commas.
@@ -102,9 +106,24 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// Number of samples.
+    /// One little-endian sample per voxel.
+    pub fn scalar(dims: [usize; 3], kind: SampleType) -> Self {
+        Self { dims, components: 1, pick: None, more: false, kind, big_endian: false, text: false, replace: None }
+    }
+
+    /// Number of samples in the file.
     pub fn count(&self) -> Option<u64> {
         self.dims.iter().chain([&self.components]).try_fold(1u64, |p, &n| p.checked_mul(n as u64))
+    }
+
+    /// Bytes that they take in the file, as binary numbers.
+    pub fn stored_bytes(&self) -> Option<u64> {
+        self.count()?.checked_mul(self.kind.bytes())
+    }
+
+    /// Samples in the file from which one is kept.
+    fn record(&self) -> usize {
+        if self.pick.is_some() { self.components.max(1) } else { 1 }
     }
 
     /// "4x4x4 uint8 samples".
@@ -116,6 +135,9 @@ impl Layout {
 
 /// Bytes read at a time.
 const CHUNK: usize = 1 << 20;
+
+/// Most values per voxel of which one is picked.
+pub(crate) const MAX_COMPONENTS: usize = 1 << 16;
 
 /// Values that are not finite: how many, and the first.
 #[derive(Default)]
@@ -142,7 +164,7 @@ impl NotFinite {
 
     fn report(&self, path: &Path, layout: &Layout) -> Result<()> {
         let Some((i, value)) = self.first else { return Ok(()) };
-        let voxel = i as usize / layout.components;
+        let voxel = i as usize / (layout.components / layout.record()).max(1);
         let [nx, ny, _] = layout.dims;
         let place = format!("({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / nx / ny);
         if let Some(v) = self.replace {
@@ -166,14 +188,17 @@ impl NotFinite {
 pub(crate) fn read(path: &Path, mut source: Source, layout: &Layout, options: &ReadOptions) -> Result<Samples> {
     let what = layout.what();
     let total = layout.count().ok_or_else(|| bad(path, format!("{what} are too many to count"), "at most 2^63 bytes can be read"))?;
-    let length = check_cap(path, &what, total, layout.kind.bytes_in_memory(), options.max_bytes)?;
+    if layout.record() > MAX_COMPONENTS || layout.pick.is_some_and(|p| p >= layout.components) {
+        return Err(bad(path, format!("each voxel has {} values", layout.components), format!("at most {MAX_COMPONENTS} are read")));
+    }
+    let length = check_cap(path, &what, total / layout.record() as u64, layout.kind.bytes_in_memory(), options.max_bytes)?;
     // The shortest number in text is a digit and a separator.
     let needs = if layout.text { total.saturating_mul(2).saturating_sub(1) } else { total.saturating_mul(layout.kind.bytes()) };
     source.check_claim(path, &what, needs)?;
     let count = options.count_not_finite.filter(|_| layout.replace.is_none());
     let mut odd = NotFinite { replace: layout.replace, keep: count.is_some(), ..NotFinite::default() };
     let mut out = empty(layout.kind);
-    if !source.is_gzip() && !layout.text {
+    if source.coding().is_none() && !layout.text {
         // The file was seen to hold them all.
         reserve(path, &mut out, length, length)?;
     }
@@ -181,7 +206,9 @@ pub(crate) fn read(path: &Path, mut source: Source, layout: &Layout, options: &R
         read_text(path, &mut source, layout, &mut out, &mut odd, length, options)?;
     } else {
         read_binary(path, &mut source, layout, &mut out, &mut odd, length, options)?;
-        source.finish(path)?;
+        if !layout.more {
+            source.finish(path)?;
+        }
     }
     match count {
         None => odd.report(path, layout)?,
@@ -210,12 +237,15 @@ fn read_binary(
     options: &ReadOptions,
 ) -> Result<()> {
     let each = layout.kind.bytes() as usize;
-    let mut buffer = vec![0; CHUNK.min(length * each)];
+    // Bytes in the file of one sample that is kept.
+    let record = each * layout.record();
+    let mut buffer = vec![0; (CHUNK / record).clamp(1, length.max(1)) * record];
     while out.len() < length {
-        let wanted = ((length - out.len()) * each).min(buffer.len());
+        let count = (length - out.len()).min(buffer.len() / record);
+        let wanted = count * record;
         let (n, error) = fill(source, &mut buffer[..wanted]);
         if n < wanted {
-            let (got, needs) = (out.len() * each + n, length * each);
+            let (got, needs) = (out.len() * record + n, length * record);
             return Err(match error {
                 Some(e) => damaged(path, source, e, format!("after {got} of {needs} bytes of samples")),
                 None => bad(
@@ -225,8 +255,14 @@ fn read_binary(
                 ),
             });
         }
-        reserve(path, out, wanted / each, length)?;
-        decode(&buffer[..wanted], layout, out, odd);
+        if let Some(pick) = layout.pick.filter(|_| record > each) {
+            for i in 0..count {
+                let from = i * record + pick * each;
+                buffer.copy_within(from..from + each, i * each);
+            }
+        }
+        reserve(path, out, count, length)?;
+        decode(&buffer[..count * each], layout, out, odd);
         options.report(out.len() as f64 / length as f64);
     }
     Ok(())
@@ -274,7 +310,8 @@ fn read_text(
     const TOKEN: usize = 400;
     let mut buffer = vec![0; CHUNK.min(1 << 16)];
     let mut token = Vec::with_capacity(TOKEN);
-    let mut over = false;
+    let (record, pick) = (layout.record(), layout.pick.unwrap_or(0));
+    let (mut over, mut seen) = (false, 0);
     while out.len() < length && !over {
         let (n, error) = fill(source, &mut buffer);
         if let Some(e) = error {
@@ -283,12 +320,22 @@ fn read_text(
         over = n < buffer.len();
         // A blank behind the last byte ends its number.
         for &byte in buffer[..n].iter().chain(over.then_some(&b' ')) {
+            // What follows the last sample is not ours.
+            if out.len() == length {
+                break;
+            }
             if !byte.is_ascii_whitespace() && byte != b',' {
                 if token.len() == TOKEN {
                     return Err(not_a_number(path, &token, out.len(), layout));
                 }
                 token.push(byte);
-            } else if !token.is_empty() && out.len() < length {
+            } else if !token.is_empty() {
+                let kept = seen == pick;
+                seen = if seen + 1 == record { 0 } else { seen + 1 };
+                if !kept {
+                    token.clear();
+                    continue;
+                }
                 reserve(path, out, 1, length)?;
                 let text = std::str::from_utf8(&token).unwrap_or_default();
                 push(text, layout.kind, out, odd).ok_or_else(|| not_a_number(path, &token, out.len(), layout))?;

@@ -103,23 +103,23 @@ fn volume_settings(s: &Settings, file: Option<&Path>, animation: Option<&Animati
         (None, None) => return Err(s.origins.error("volume.file", "is missing", "name the volume to show")),
     };
     let dims = s.numbers::<3>("volume.dims", 1.0..=1048576.0, "it must be three integers, [x, y, z], each 1 to 1048576")?;
+    let spacing = s.numbers("volume.spacing", 1e-30..=1e30, "it must be three numbers above 0")?;
     let raw = match dims {
         Some(dims) if dims.iter().all(|n| n.fract() == 0.0) => {
             let Some(sample_type) = s.choice("volume.type", &SAMPLE_TYPES.map(|t| (t, t)))? else {
                 return Err(s.origins.error("volume.type", "is missing", "a headerless file needs volume.dims and volume.type"));
             };
-            let spacing = "it must be three numbers above 0";
             Some(RawSettings {
                 dims: dims.map(|n| n as usize),
                 sample_type: sample_type.into(),
-                spacing: s.numbers("volume.spacing", 1e-30..=1e30, spacing)?.unwrap_or([1.0; 3]),
+                spacing: spacing.unwrap_or([1.0; 3]),
                 big_endian: s.choice("volume.endian", &[("little", false), ("big", true)])?.unwrap_or(false),
                 offset: s.integer("volume.offset", 0..=u64::MAX, "it must be a number of bytes")?.unwrap_or(0),
             })
         }
         Some(dims) => return Err(s.origins.error("volume.dims", format!("is {dims:?}"), "it must be three integers")),
         None => {
-            let raw_keys = ["volume.type", "volume.spacing", "volume.endian", "volume.offset"];
+            let raw_keys = ["volume.type", "volume.endian", "volume.offset"];
             if let Some(key) = raw_keys.into_iter().find(|k| s.has(k)) {
                 let right = "with volume.dims it describes a headerless file; other files say it themselves";
                 return Err(s.origins.error(key, "stands without `volume.dims`", right));
@@ -128,15 +128,26 @@ fn volume_settings(s: &Settings, file: Option<&Path>, animation: Option<&Animati
         }
     };
     let nan_as = s.number("volume.nan_as", f64::from(f32::MIN)..=f64::from(f32::MAX), "it must be a finite number")?;
-    let series = series(s, &file, animation)?;
-    let file = series.as_ref().map_or(file, |series| series.still(animation.map_or(1, |a| a.first)));
-    Ok(VolumeSettings { file, series, raw, nan_as: nan_as.map(|v| v as f32) })
+    let steps = series(s, &file, animation)?;
+    let file = steps.as_ref().map_or(file, |series| series.still(animation.map_or(1, |a| a.first)));
+    Ok(VolumeSettings {
+        file,
+        steps,
+        component: s.word("volume.component")?,
+        series: s.word("volume.series")?,
+        // A headerless file's spacing stands in its layout.
+        spacing: spacing.filter(|_| raw.is_none()),
+        raw,
+        nan_as: nan_as.map(|v| v as f32),
+    })
 }
 
 /// A time series: a file with a place for a number, in an animation or with a number given.
 fn series(s: &Settings, file: &Path, animation: Option<&Animation>) -> Result<Option<Series>> {
     let given = ["volume.number", "volume.numbers"].into_iter().find(|k| s.has(k));
-    if given.is_none() && animation.is_none() {
+    // Numbered pictures are the slices of one volume, unless their numbers are asked for.
+    let slices = file.extension().is_some_and(|e| ["tif", "tiff", "png"].iter().any(|s| e.eq_ignore_ascii_case(s)));
+    if given.is_none() && (animation.is_none() || slices) {
         return Ok(None);
     }
     if Pattern::find(file).is_none() {

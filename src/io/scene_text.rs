@@ -60,13 +60,16 @@ fn table(entries: Vec<(&str, Value)>) -> Table {
 
 fn volume(scene: &Scene) -> Table {
     let v = &scene.volume;
-    let mut out = vec![("file", word(&v.series.as_ref().map_or(&v.file, |s| &s.file).display().to_string()))];
-    if let Some(series) = &v.series {
+    let mut out = vec![("file", word(&v.steps.as_ref().map_or(&v.file, |s| &s.file).display().to_string()))];
+    if let Some(series) = &v.steps {
         out.extend(series.number.map(|n| ("number", Value::Integer(n))));
         if !series.numbers.is_empty() {
             out.push(("numbers", word(&frames_text(&series.numbers))));
         }
     }
+    out.extend(v.component.iter().map(|c| ("component", word(c))));
+    out.extend(v.series.iter().map(|s| ("series", word(s))));
+    out.extend(v.spacing.map(|s| ("spacing", floats(s))));
     if let Some(raw) = &v.raw {
         out.push(("dims", Value::Array(raw.dims.map(|n| integer(n as u64)).into())));
         out.push(("type", word(&raw.sample_type)));

@@ -219,6 +219,14 @@ impl Settings {
         }
     }
 
+    /// A name, or a number taken as its digits.
+    pub fn word(&self, key: &str) -> Result<Option<String>> {
+        match (self.values.get(key), self.written.get(key)) {
+            (Some(Value::Integer(n)), None) => Ok(Some(n.to_string())),
+            _ => self.text(key),
+        }
+    }
+
     /// A path: the file's are relative to the file, the command line's to the current folder.
     pub fn path(&self, key: &str) -> Result<Option<PathBuf>> {
         let Some(text) = self.text(key)? else { return Ok(None) };

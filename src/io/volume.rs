@@ -2,12 +2,13 @@
 
 use super::limits::{bad, open, quote};
 use super::samples::SampleType;
-use super::{nifti, nrrd, raw};
-use crate::error::{Error, Result};
+use super::{dicom, metaimage, nifti, nrrd, raw, stack, vdb, vti, vtk_legacy};
+use crate::error::{Error, Result, shown};
 use crate::scene::Volume;
 use flate2::bufread::GzDecoder;
 use std::cell::Cell;
-use std::io::Seek;
+use std::fs::File;
+use std::io::{BufReader, Seek};
 use std::path::Path;
 
 /// What a headerless file holds.
@@ -30,6 +31,12 @@ pub struct RawLayout {
 pub struct ReadOptions<'a> {
     /// Take the file as headerless samples of this layout, whatever it looks like.
     pub raw: Option<RawLayout>,
+    /// Which component, channel or array is the scalar, where a file holds several: its name, or its number from 0.
+    pub component: Option<String>,
+    /// Which DICOM series of a folder that holds several: its SeriesInstanceUID.
+    pub series: Option<String>,
+    /// Voxel edges of an image stack, world units (default 1); other files say their own.
+    pub spacing: Option<[f64; 3]>,
     /// Value that stands in for NaN and infinite samples, in the data's unit (after a NIfTI file's slope and
     /// intercept). Without it they are an error.
     pub nan_as: Option<f32>,
@@ -46,7 +53,17 @@ pub struct ReadOptions<'a> {
 
 impl Default for ReadOptions<'_> {
     fn default() -> Self {
-        Self { raw: None, nan_as: None, max_bytes: 16 << 30, allow_outside: false, count_not_finite: None, progress: None }
+        Self {
+            raw: None,
+            component: None,
+            series: None,
+            spacing: None,
+            nan_as: None,
+            max_bytes: 16 << 30,
+            allow_outside: false,
+            count_not_finite: None,
+            progress: None,
+        }
     }
 }
 
@@ -58,11 +75,21 @@ impl ReadOptions<'_> {
     }
 }
 
-/// Reads a scalar volume: NRRD (`.nrrd`, `.nhdr`), NIfTI-1 (`.nii`, `.nii.gz`, `.hdr` with `.img`), each known by its
-/// content, or headerless samples when [`ReadOptions::raw`] says what they are.
+/// Reads a scalar volume, each kind of file known by its content:
 ///
-/// World coordinates are the file's own: NIfTI's are RAS+ (usually mm), an NRRD's those of its `space` field. Files give
-/// the centre of the first voxel; in voxel coordinates that is (½, ½, ½).
+/// | format | files |
+/// |---|---|
+/// | NRRD | `.nrrd`, `.nhdr` |
+/// | NIfTI-1 | `.nii`, `.nii.gz`, `.hdr` with `.img` |
+/// | MetaImage | `.mha`, `.mhd` with its samples beside it |
+/// | VTK | ImageData `.vti`, legacy `.vtk` with STRUCTURED_POINTS |
+/// | DICOM | the folder of a series, or one file |
+/// | OpenVDB | `.vdb`, one grid over the box of its active voxels |
+/// | TIFF, PNG | a folder, a pattern `slice_####.tif`, a TIFF of several pages, or one picture |
+/// | headerless | when [`ReadOptions::raw`] says what it holds |
+///
+/// World coordinates are the file's own, unchanged: NIfTI's are RAS+ (usually mm), an NRRD's those of its `space` field,
+/// a MetaImage's and DICOM's LPS. Files give the centre of the first voxel; in voxel coordinates that is (½, ½, ½).
 ///
 /// # Errors
 /// [`Error::Io`] from the system, [`Error::Format`] for a damaged, unsupported, too large or non-finite file, and
@@ -73,8 +100,15 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
     {
         return Err(Error::Invalid { item: "nan_as", what: format!("{v}"), right: "it must be finite".into() });
     }
+    let kind = if options.raw.is_some() { Kind::File } else { kind_of(path) };
+    refuse_idle(path, options, kind)?;
     if let Some(layout) = &options.raw {
         return raw::read(path, layout, options);
+    }
+    match kind {
+        Kind::File => {}
+        Kind::Folder => return folder(path, options),
+        Kind::Pattern => return stack::read_pattern(path, options),
     }
     let (mut file, length) = open(path)?;
     let mut head = [0; 348];
@@ -94,17 +128,108 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
         }
         return nrrd::read(path, file, length, options);
     }
+    if !gzip {
+        if vdb::is_vdb(&head) {
+            return vdb::read(path, file, length, options);
+        }
+        if &head[128..132] == b"DICM" || extension(path) == "dcm" {
+            return dicom::read_file(path, options);
+        }
+        if stack::is_picture(&head[..n]) {
+            return stack::read_file(path, options);
+        }
+    }
+    if let Some(read) = text_kind(&head, path) {
+        if gzip {
+            return Err(bad(path, "it is a gzipped text header with its samples", "these files compress inside: gunzip the file first"));
+        }
+        return read(path, file, length, options);
+    }
     // A .nii that is cut short in its header has nothing else to be known by.
     let name = path.to_string_lossy().to_ascii_lowercase();
     if nifti::is_header(&head) || (n > 0 && (name.ends_with(".nii") || name.ends_with(".nii.gz"))) {
         return nifti::read(path, file, length, gzip, options);
     }
     // The data half of a pair has no mark of its own.
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let extension = extension(path);
     if extension == "img" && path.with_extension("hdr").is_file() {
         return read_volume(&path.with_extension("hdr"), options);
     }
     Err(unknown(path, &start[..n.min(16)], &extension))
+}
+
+/// What a path names.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    File,
+    Folder,
+    /// `slice_####.tif`
+    Pattern,
+}
+
+fn kind_of(path: &Path) -> Kind {
+    if path.is_dir() {
+        Kind::Folder
+    } else if stack::is_pattern(path) && !path.exists() {
+        Kind::Pattern
+    } else {
+        Kind::File
+    }
+}
+
+/// Whether `path` is a volume in several files: a folder, or a pattern such as `slice_####.tif`.
+pub fn is_volume_set(path: &Path) -> bool {
+    kind_of(path) != Kind::File
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// Refuses options that would change nothing.
+fn refuse_idle(path: &Path, options: &ReadOptions, kind: Kind) -> Result<()> {
+    let stack = kind != Kind::File || matches!(extension(path).as_str(), "tif" | "tiff" | "png");
+    if options.spacing.is_some() && !stack {
+        let what = format!("changes nothing for {}, which is no stack of pictures", shown(path));
+        return Err(Error::Invalid { item: "volume.spacing", what, right: "drop it: the file says its own".into() });
+    }
+    if options.series.is_some() && kind != Kind::Folder {
+        let what = format!("changes nothing for {}, which is no folder", shown(path));
+        return Err(Error::Invalid { item: "volume.series", what, right: "drop it, or name the folder of a DICOM series".into() });
+    }
+    Ok(())
+}
+
+/// A folder: of DICOM files if it has any, else of pictures.
+fn folder(path: &Path, options: &ReadOptions) -> Result<Volume> {
+    let files = stack::files_of(path)?;
+    let found = dicom::files_among(&files)?;
+    if !found.is_empty() {
+        if options.spacing.is_some() {
+            let what = format!("changes nothing for {}, a DICOM series", shown(path));
+            return Err(Error::Invalid { item: "volume.spacing", what, right: "drop it: the files say their own".into() });
+        }
+        return dicom::read_files(path, found, options);
+    }
+    if let Some(series) = &options.series {
+        let what = format!("is '{}', and {} has no DICOM file", quote(series), shown(path));
+        return Err(Error::Invalid { item: "volume.series", what, right: "drop it".into() });
+    }
+    stack::read_folder(path, files, options)
+}
+
+/// Reads the volume in an opened file.
+type Reader = fn(&Path, BufReader<File>, u64, &ReadOptions) -> Result<Volume>;
+
+/// Formats whose headers are text, by their first bytes; a MetaImage's may begin with anything.
+fn text_kind(head: &[u8], path: &Path) -> Option<Reader> {
+    if head.starts_with(b"# vtk DataFile") {
+        return Some(vtk_legacy::read);
+    }
+    if vti::is_header(head) {
+        return Some(vti::read);
+    }
+    (metaimage::is_header(head) || matches!(extension(path).as_str(), "mha" | "mhd")).then_some(metaimage::read)
 }
 
 fn peek(file: &mut impl std::io::Read, path: &Path, head: &mut [u8]) -> Result<usize> {
@@ -117,11 +242,8 @@ fn peek(file: &mut impl std::io::Read, path: &Path, head: &mut [u8]) -> Result<u
 /// A file of no known kind, or of one that is known but not read.
 fn unknown(path: &Path, head: &[u8], extension: &str) -> Error {
     let known = match extension {
-        "mha" | "mhd" => Some("a MetaImage"),
-        "vti" | "vtk" | "vtr" => Some("a VTK file"),
-        "vdb" => Some("an OpenVDB file"),
-        "dcm" => Some("a DICOM file"),
-        "tif" | "tiff" => Some("a TIFF stack"),
+        "vti" | "vtk" | "vtr" | "vts" | "vtu" | "vtp" | "pvti" => Some("a VTK file of another kind"),
+        "jpg" | "jpeg" | "bmp" | "gif" | "jp2" => Some("a picture"),
         "h5" | "hdf5" | "nc" | "mnc" => Some("an HDF5, NetCDF or MINC file"),
         _ => None,
     };
@@ -133,6 +255,6 @@ fn unknown(path: &Path, head: &[u8], extension: &str) -> Error {
     bad(
         path,
         what,
-        "NRRD (.nrrd, .nhdr) and NIfTI-1 (.nii, .nii.gz, .hdr) are read, headerless samples where --volume.dims and --volume.type say what they are",
+        "NRRD, NIfTI-1, MetaImage, VTK (.vti, .vtk), OpenVDB, DICOM, TIFF and PNG are read, headerless samples where --volume.dims and --volume.type say what they are",
     )
 }

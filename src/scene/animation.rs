@@ -127,7 +127,7 @@ impl Animation {
 pub fn scene_at(scene: &Scene, frame: i64) -> Scene {
     let mut out = scene.clone();
     let Some(animation) = out.animation.take() else { return out };
-    if let Some(series) = out.volume.series.take() {
+    if let Some(series) = out.volume.steps.take() {
         let number = match animation.track("volume.number") {
             // Between two numbers the earlier one holds.
             Some(track) => (track.at(frame as f64)[0] + 1e-9).floor() as i64,

@@ -19,10 +19,22 @@ const fn key(name: &'static str, value: &'static str, default: &'static str, hel
 
 /// The keys, table by table.
 pub const KEYS: &[Key] = &[
-    key("volume.file", "PATH", "", "NRRD, NIfTI or headerless volume; relative to the scene file"),
+    key(
+        "volume.file",
+        "PATH",
+        "",
+        "volume, relative to the scene file: NRRD, NIfTI, MetaImage, VTK, OpenVDB, DICOM, TIFF or PNG stack, headerless",
+    ),
+    key(
+        "volume.component",
+        "NAME|NUMBER",
+        "the only one",
+        "which component, channel, array or grid is the scalar, where a file holds several",
+    ),
+    key("volume.series", "UID", "the only one", "which DICOM series of a folder that holds several (SeriesInstanceUID)"),
     key("volume.dims", "[X, Y, Z]", "from the header", "voxels of a headerless file, x fastest"),
     key("volume.type", "TYPE", "from the header", "sample type of a headerless file: uint8, int16, float32, …"),
-    key("volume.spacing", "[X, Y, Z]", "[1, 1, 1]", "voxel edges of a headerless file, world units"),
+    key("volume.spacing", "[X, Y, Z]", "[1, 1, 1]", "voxel edges of a headerless file or an image stack, world units"),
     key("volume.endian", "little|big", "little", "byte order of a headerless file"),
     key("volume.offset", "BYTES", "0", "bytes before the first sample of a headerless file"),
     key("volume.nan_as", "VALUE", "an error", "what NaN and infinite samples are replaced by"),
@@ -36,7 +48,12 @@ pub const KEYS: &[Key] = &[
         "voxel",
         "the length that opacity or extinction is meant over: one voxel, one world unit, the longest side",
     ),
-    key("transfer.file", "PATH", "none", "transfer function preset (ParaView JSON) in place of points"),
+    key(
+        "transfer.file",
+        "PATH",
+        "none",
+        "preset of ParaView, Slicer, Voreen, Inviwo, ImageVis3D, NiiVue or Exposure Render in place of points",
+    ),
     key("transfer.name", "NAME", "the only one", "which preset of a file that holds several"),
     key("transfer.range", "[LOW, HIGH]", "as the preset says", "scalars that a preset's ends are laid on"),
     key("surface.iso", "VALUE", "no surface", "show the opaque surface where the data has this value"),

@@ -45,7 +45,7 @@ impl Scene {
     /// The scene of a volume alone: every other setting at its default.
     pub fn of_volume(file: PathBuf) -> Self {
         Self {
-            volume: VolumeSettings { file, series: None, raw: None, nan_as: None },
+            volume: VolumeSettings { file, ..VolumeSettings::default() },
             transfer: TransferSource::Ramp { reference: Reference::Voxel },
             surface: None,
             clip: Clip::default(),
@@ -90,12 +90,19 @@ impl Origins {
 }
 
 /// `[volume]`: the file, and what a file without header does not say.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct VolumeSettings {
-    /// The file; of a time series the one that is shown outside an animation.
+    /// The file, the folder of a series or stack, or the `####` pattern of a stack; of a time series the file that is shown
+    /// outside an animation.
     pub file: PathBuf,
     /// The time series, if `file` is of one.
-    pub series: Option<Series>,
+    pub steps: Option<Series>,
+    /// Which component, channel or array is the scalar: its name, or its number from 0.
+    pub component: Option<String>,
+    /// Which DICOM series of a folder that holds several: its SeriesInstanceUID.
+    pub series: Option<String>,
+    /// Voxel edges of an image stack, world units; files of other kinds say their own.
+    pub spacing: Option<[f64; 3]>,
     /// The layout of a headerless file.
     pub raw: Option<RawSettings>,
     /// What NaN and infinite samples are replaced by; without it they are an error.

@@ -1,10 +1,19 @@
 //! What the reader tests share: formula volumes as bytes, files in a folder that goes away.
 #![allow(dead_code)]
 
+pub mod vdb;
+
 use flate2::{Compression, write::GzEncoder};
 use halflight::io::SampleType;
 use std::io::Write;
 use std::path::PathBuf;
+
+mod formats;
+mod seeds;
+#[allow(unused_imports)]
+pub use formats::*;
+#[allow(unused_imports)]
+pub use seeds::*;
 
 pub const DIMS: [usize; 3] = [5, 4, 3];
 

@@ -1,0 +1,66 @@
+//! Inviwo's transfer functions (`.itf`): points of position 0..1 over the data's range (or of the data's own scalars, where
+//! they lie outside), colour and opacity; transparent outside a mask. Written as version 1.0.
+
+use super::super::limits::bad;
+use super::Preset;
+use super::preset::STEP;
+use super::voreen::clip;
+use super::xml::Element;
+use crate::error::Result;
+use std::path::Path;
+
+pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
+    let is_list = |e: &Element| e.child("dataPoints").is_some() || e.child("Points").is_some();
+    let function = root.find(&is_list).unwrap_or(root);
+    let list = function.child("dataPoints").or(function.child("Points"));
+    let list = list.ok_or_else(|| bad(path, "it has no dataPoints", "a transfer function with points is needed"))?;
+    let mut points = Vec::new();
+    for point in list.all("point").chain(list.all("Point")) {
+        let x = point.needed(path, "pos")?.number(path, &["x", "content"])?;
+        let rgba = point.needed(path, "rgba")?;
+        let mut p = [x, 0.0, 0.0, 0.0, 0.0];
+        for (number, names) in p[1..].iter_mut().zip([["x", "r"], ["y", "g"], ["z", "b"], ["w", "a"]]) {
+            *number = rgba.number(path, &names)?;
+        }
+        points.push(p);
+    }
+    if points.is_empty() {
+        return Err(bad(path, format!("line {}: it has no points", list.line), "at least one is needed"));
+    }
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let relative = points.iter().all(|p| (0.0..=1.0).contains(&p[0]));
+    if relative {
+        let mask = |name: &str, otherwise: f64| Ok(function.number_of(path, name, "content")?.unwrap_or(otherwise));
+        clip(&mut points, mask("maskMin", 0.0)?, mask("maskMax", 1.0)?);
+    }
+    let mut preset = Preset::of_points(stem, &points);
+    if relative {
+        (preset.domain, preset.relative) = ([0.0, 1.0], true);
+    }
+    // Version 1.0 knows a second interpolation, which no Inviwo ever carried out.
+    if function.number_of(path, "interpolationType_", "content")?.is_some_and(|t| t != 0.0) {
+        preset.lost.push("cubic interpolation between the points: they are joined by straight lines".into());
+    }
+    preset.checked(path)
+}
+
+/// A preset as Inviwo reads it, its domain laid on 0..1.
+pub(super) fn write(preset: &Preset) -> String {
+    let unit = preset.on([0.0, 1.0]);
+    let mut out = String::from(
+        "<?xml version=\"1.0\" ?>\n<InviwoTreeData version=\"1.0\">\n    <maskMin content=\"0\" />\n    <maskMax content=\"1\" />\n    <dataPoints>\n",
+    );
+    let mut point = |x: f64, [r, g, b, a]: [f64; 4]| {
+        let x = x.clamp(0.0, 1.0);
+        out += &format!(
+            "        <point>\n            <pos x=\"{x}\" y=\"{a}\" />\n            <rgba x=\"{r}\" y=\"{g}\" z=\"{b}\" w=\"{a}\" />\n        </point>\n"
+        );
+    };
+    for key in unit.keys() {
+        point(key.x, key.left);
+        if key.left != key.right {
+            point(key.x + STEP, key.right);
+        }
+    }
+    out + "    </dataPoints>\n    <interpolationType_ content=\"0\" />\n</InviwoTreeData>\n"
+}
