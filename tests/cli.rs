@@ -144,7 +144,7 @@ fn bad_input_is_3() {
         (&["precompute", "short.nrrd", "-o", "x.nrrd"], "short.nrrd: "),
         (&["info", "nonsense.nrrd"], "nonsense.nrrd: "),
         (&["info", "missing"], "missing: cannot open"),
-        (&["info", "."], ".: it is a folder; name a file"),
+        (&["info", "."], "none of them DICOM, TIFF or PNG; name a file, or the folder of a series or stack"),
         (&["render", "nan.nrrd", "-o", "x.png"], "all must be finite; --nan-as VALUE (volume.nan_as in a scene) puts a value"),
         (&["info", "raw.bin", "--volume.dims", "[5, 5, 5]", "--volume.type", "uint8"], "raw.bin: "),
         (&["info", "nonsense.nrrd"], "headerless samples where --volume.dims and --volume.type say what they are"),

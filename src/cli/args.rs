@@ -490,7 +490,7 @@ mod tests {
         };
         assert_eq!(shown("camera.up"), "<X,Y,Z> direction that is up in the picture (default: 0,0,1)");
         assert_eq!(shown("image.width"), "<PIXELS> pixels per row (default: 1024)");
-        assert!(shown("volume.file").ends_with("relative to the scene file"));
+        assert!(shown("volume.file").starts_with("<PATH> volume, relative to the scene file"));
         assert!(
             shown("transfer.points").contains("<POINTS>") && shown("transfer.points").contains("[[S, R, G, B, A], …] (default: a grey")
         );
