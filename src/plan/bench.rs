@@ -5,7 +5,6 @@ use crate::engine::{Engine, Medium, Progress};
 use crate::error::Result;
 use crate::measure::{FieldError, errors};
 use crate::scene::Visibility;
-use crate::scene::visibility::Method;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -60,14 +59,12 @@ impl Bench<'_, '_> {
         Ok((v, seconds))
     }
 
-    /// Runs what has to be compiled first: that is nobody's cost.
+    /// Runs what has to be compiled first, once per process and machine: that is nobody's cost.
     pub fn warm(&mut self, settings: &Visibility) -> Result<()> {
         let before = self.seconds;
         let one = self.cells.first().copied();
         self.run_at(&Visibility { directions: 1, ..settings.clone() }, one.as_slice())?;
-        if settings.method == Method::March {
-            self.seconds = before;
-        }
+        self.seconds = before;
         Ok(())
     }
 

@@ -158,6 +158,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         let n = ((0.8 * bench.left() / each) as u32 / 8 * 8).min(b.directions);
         if n >= LEAST {
             let settings = sweep(n, (b.near, b.step));
+            bench.warm(&settings)?;
             let run = bench.run(&settings)?;
             let error = bench.judge(&settings, &run, &known.v, "the reference");
             plan.sweeps.learn((b.near, b.step), n, error.relative_l2);
