@@ -4,7 +4,7 @@ mod common;
 use common::*;
 use halflight::measure::field_error;
 use halflight::scene::visibility::{Cells, Method, Sampling};
-use halflight::scene::{Grid, ImageSettings, Light, Probe, Visibility, Volume, sh};
+use halflight::scene::{Grid, ImageSettings, Light, Picture, Probe, Visibility, Volume, sh};
 use halflight::stages::sweep;
 
 fn settings(near: u32, directions: u32, ratio: u32) -> Visibility {
@@ -228,17 +228,22 @@ fn cells_nobody_reads_are_left_out_and_change_no_other() {
         for (near, all) in cells {
             assert!(near == all || near.iter().all(|v| *v == 0.0));
         }
-        // And no picture sees the difference.
+        // And no picture sees the difference: the irradiance of the left cells lies in a smaller image, whose coordinates
+        // are rounded elsewhere, by some 1e-6 of a texel.
         let pictures = [&all, &near].map(|s| {
             let field = engine.precompute(&medium, s, &mut quiet).expect("field");
             let lit = engine.relight(&field, &sky()).expect("light");
             engine.render(&medium, &lit, &halflight::demo::camera(volume.grid()), &small, &mut quiet).expect("picture")
         });
-        assert_eq!(pictures[0].rgba, pictures[1].rgba);
+        let apart = |a: &Picture, b: &Picture| {
+            let pairs = a.rgba.as_flattened().iter().zip(b.rgba.as_flattened());
+            pairs.map(|(a, b)| (a - b).abs()).fold(0f32, f32::max)
+        };
+        assert!(apart(&pictures[0], &pictures[1]) < 2e-5, "{}", apart(&pictures[0], &pictures[1]));
         // Sabotage: the same under a field that holds a smaller ball's cells only.
         let (_, less) = load(&engine, &volume, &homogeneous(0.0));
         let lit = engine.relight(&engine.precompute(&less, &near, &mut quiet).expect("field"), &sky()).expect("light");
         let dark = engine.render(&medium, &lit, &halflight::demo::camera(volume.grid()), &small, &mut quiet);
-        assert_ne!(dark.expect("picture").rgba, pictures[0].rgba);
+        assert!(apart(&dark.expect("picture"), &pictures[0]) > 1e-2);
     }
 }
