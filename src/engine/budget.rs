@@ -177,7 +177,7 @@ impl Engine {
     /// [`Error::OutOfMemory`] with the figure and the finest field that would fit.
     pub fn admit(&self, medium: &Medium, settings: &Visibility, pixels: Option<(usize, usize)>) -> Result<Need> {
         let need = self.need(medium, settings, pixels)?;
-        let what = if pixels.is_some() { "the field and its picture" } else { "the field" };
+        let what = if pixels.is_some() { "the field with its picture" } else { "the field" };
         self.ask(what, need.least(), |free| {
             let at = |ratio| self.need(medium, &Visibility { ratio, ..settings.clone() }, pixels);
             match [2, 4, 8].into_iter().find(|&ratio| ratio > settings.ratio && at(ratio).is_ok_and(|n| n.least() <= free)) {

@@ -1,9 +1,11 @@
 //! The tags of an XML file, one after the other, and where the text between them lies: nothing of it is held, so that
-//! samples may stand there. Comments and processing instructions are passed over; DOCTYPE (entities that grow, files that
-//! are fetched) is refused.
+//! samples may stand there, which a pull parser would hold as text (it reads the tags' attributes). Comments and processing
+//! instructions are passed over; DOCTYPE (entities that grow, files that are fetched) is refused.
 
 use super::limits::{bad, io, quote};
 use crate::error::Result;
+use quick_xml::XmlVersion;
+use quick_xml::events::BytesStart;
 use std::io::BufRead;
 use std::path::Path;
 
@@ -139,60 +141,23 @@ type Attributes = Vec<(String, String)>;
 
 /// Name, form and attributes.
 fn parse(inner: &str) -> Option<(String, Form, Attributes)> {
-    let name_of = |s: &str| {
-        let end = s.find(|c: char| c.is_ascii_whitespace()).unwrap_or(s.len());
-        Some((s[..end].to_owned(), s[end..].to_owned())).filter(|(n, _)| !n.is_empty() && !n.contains(['<', '=', '"', '\'', '/']))
+    let (inner, form) = match (inner.strip_prefix('/'), inner.strip_suffix('/')) {
+        (Some(inner), _) => (inner, Form::Close),
+        (None, Some(inner)) => (inner, Form::Empty),
+        (None, None) => (inner, Form::Open),
     };
-    if let Some(name) = inner.strip_prefix('/') {
-        return Some((name_of(name.trim_end())?.0, Form::Close, Vec::new()));
+    let length = inner.find(|c: char| c.is_ascii_whitespace()).unwrap_or(inner.len());
+    let name = &inner[..length];
+    if name.is_empty() || name.contains(['<', '=', '"', '\'', '/']) {
+        return None;
     }
-    let (inner, form) = match inner.strip_suffix('/') {
-        Some(inner) => (inner, Form::Empty),
-        None => (inner, Form::Open),
-    };
-    let (name, rest) = name_of(inner)?;
-    let mut rest = rest.trim();
     let mut attributes = Attributes::new();
-    while !rest.is_empty() {
-        let (key, after) = rest.split_once('=')?;
-        let (key, after) = (key.trim(), after.trim_start());
-        let quote = after.chars().next().filter(|q| matches!(q, '"' | '\''))?;
-        let (value, after) = after[1..].split_once(quote)?;
-        if key.is_empty() || key.contains(|c: char| c.is_ascii_whitespace()) || attributes.iter().any(|(k, _)| k == key) {
-            return None;
-        }
-        attributes.push((key.to_owned(), unescaped(value)?));
-        rest = after.trim_start();
+    for attribute in BytesStart::from_content(inner, length).attributes() {
+        let attribute = attribute.ok()?;
+        let value = attribute.normalized_value(XmlVersion::Implicit1_0).ok()?;
+        attributes.push((attribute.key.as_ref().to_owned(), value.into_owned()));
     }
-    Some((name, form, attributes))
-}
-
-/// Text with the five entities of XML, and numbered characters, in their plain form.
-fn unescaped(text: &str) -> Option<String> {
-    let mut out = String::with_capacity(text.len());
-    let mut rest = text;
-    while let Some((before, after)) = rest.split_once('&') {
-        let (entity, after) = after.split_once(';')?;
-        out += before;
-        out.push(match entity {
-            "amp" => '&',
-            "lt" => '<',
-            "gt" => '>',
-            "quot" => '"',
-            "apos" => '\'',
-            _ => {
-                let number = entity.strip_prefix('#')?;
-                let code = match number.strip_prefix(['x', 'X']) {
-                    Some(hex) => u32::from_str_radix(hex, 16).ok()?,
-                    None => number.parse().ok()?,
-                };
-                char::from_u32(code)?
-            }
-        });
-        rest = after;
-    }
-    out += rest;
-    Some(out)
+    Some((name.to_owned(), form, attributes))
 }
 
 #[cfg(test)]
