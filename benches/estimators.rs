@@ -117,7 +117,7 @@ fn run() -> Result<(), Failure> {
     let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
     let medium = engine.classify(&engine.upload(&volume)?, &matter)?;
     let ratio = 4;
-    let probes = measure::probes(&volume, &medium, ratio, if a.test { 8 } else { a.probes });
+    let probes = measure::probes(&engine, &volume, &medium, ratio, if a.test { 8 } else { a.probes }).expect("probes");
     let device_seconds = || engine.take_timings().iter().map(|s| s.seconds).sum::<f64>();
     device_seconds();
     let truth = measure::reference(&engine, &medium, ratio, &probes, &mut quiet)?;

@@ -90,7 +90,7 @@ fn probes_lie_within_two_cells_of_matter() {
     let grid = Grid::axis_aligned([40, 24, 32], [1.0; 3]).expect("grid");
     let volume = Volume::from_fn(grid, |p| if p.map(|c| c as usize) == [21, 3, 17] { 1.0 } else { 0.0 }).expect("volume");
     let (_, medium) = load(&engine, &volume, &linear(1.0));
-    let near = measure::near_matter(&volume, &medium, 4);
+    let near = measure::near_matter(&engine, &volume, &medium, 4).expect("cells");
     let dims = grid.field_dims(4);
     let expected: Vec<u32> = (0..dims.iter().product::<usize>())
         .filter(|i| {
@@ -100,12 +100,12 @@ fn probes_lie_within_two_cells_of_matter() {
         .map(|i| i as u32)
         .collect();
     assert_eq!(near, expected);
-    let some = measure::probes(&volume, &medium, 4, 20);
+    let some = measure::probes(&engine, &volume, &medium, 4, 20).expect("probes");
     assert!(some.len() == 20 && some.is_sorted() && some.iter().all(|c| near.contains(c)));
-    assert_eq!(some, measure::probes(&volume, &medium, 4, 20), "the same every time");
+    assert_eq!(some, measure::probes(&engine, &volume, &medium, 4, 20).expect("probes"), "the same every time");
     // Sabotage: the next voxel lies in another cell.
     let moved = Volume::from_fn(grid, |p| if p.map(|c| c as usize) == [20, 4, 17] { 1.0 } else { 0.0 }).expect("volume");
-    assert_ne!(measure::near_matter(&moved, &medium, 4), expected);
+    assert_ne!(measure::near_matter(&engine, &moved, &medium, 4).expect("cells"), expected);
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn real_fields_of_each_estimator_are_measured_as_they_are() {
     let (engine, volume) = scene();
     let (_, medium) = load(&engine, &volume, &linear(0.6));
     let plain = Visibility { ratio: 4, directions: 64, ..Visibility::default() };
-    let cells = measure::probes(&volume, &medium, 4, 1024);
+    let cells = measure::probes(&engine, &volume, &medium, 4, 1024).expect("probes");
     let truth = measure::reference(&engine, &medium, 4, &cells, &mut quiet).expect("reference");
     let methods = [Method::March, Method::Hierarchical, Method::Sweep];
     for (i, method) in methods.into_iter().enumerate() {
@@ -194,13 +194,13 @@ fn the_budget_bounds_the_number_of_probes_and_nothing_else() {
     let (_, medium) = load(&engine, &volume, &linear(0.6));
     let settings = Visibility { ratio: 2, method: Method::Sweep, directions: 32, ..Visibility::default() };
     let plan = |seconds, field_seconds| Plan::new(&engine, &volume, &medium, &settings, &Budget { seconds, field_seconds }).expect("plan");
-    let near = measure::near_matter(&volume, &medium, 2).len();
+    let near = measure::near_matter(&engine, &volume, &medium, 2).expect("cells").len();
     let generous = plan(1e9, Some(2.0));
     assert_eq!(generous.cells.len(), near.min(1024));
     assert!(generous.before && generous.again == Some(2.0) && generous.seconds > 0.0);
     // Next to no time: the fewest, chosen as `probes` chooses them, and no second sweep.
     let hasty = plan(1e-6, Some(2.0));
-    assert_eq!(hasty.cells, measure::probes(&volume, &medium, 2, 64));
+    assert_eq!(hasty.cells, measure::probes(&engine, &volume, &medium, 2, 64).expect("probes"));
     assert!(!hasty.before && hasty.again.is_none() && hasty.seconds < generous.seconds);
     let field = engine.precompute(&medium, &settings, &mut quiet).expect("field");
     let kept = engine.read_field(&field).expect("read");

@@ -13,7 +13,7 @@ fn request(wanted: Wanted) -> Request {
 
 /// The error over the kept coefficients of a planned field's data, at cells of `measure`'s, against the full reference.
 fn verdict(engine: &Checked, volume: &Volume, medium: &halflight::engine::Medium, s: &Visibility, data: &[f32]) -> f64 {
-    let cells = measure::probes(volume, medium, s.ratio, 256);
+    let cells = measure::probes(engine, volume, medium, s.ratio, 256).expect("probes");
     let truth = measure::reference(engine, medium, s.ratio, &cells, &mut quiet).expect("reference");
     let kept = s.coefficients();
     let at = |&c: &u32| std::array::from_fn(|i| if i < kept { data[c as usize * kept + i] } else { 0.0 });

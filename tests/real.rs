@@ -17,7 +17,7 @@ fn field_error_of_both_estimators_on_the_engine_block() {
     let points = [[70.0, 0.8, 0.7, 0.5, 0.0], [120.0, 0.8, 0.7, 0.5, 0.15], [200.0, 0.8, 0.7, 0.5, 0.6]];
     let matter = Matter { transfer: Transfer::from_points(&points, Kind::Opacity, Reference::Voxel).expect("transfer"), surface: None };
     let (_, medium) = load(&engine, &volume, &matter);
-    let probes = measure::probes(&volume, &medium, 4, 1024);
+    let probes = measure::probes(&engine, &volume, &medium, 4, 1024).expect("probes");
     assert_eq!(probes.len(), 1024);
     engine.take_timings();
     let reference = measure::reference(&engine, &medium, 4, &probes, &mut quiet).expect("reference");

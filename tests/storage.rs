@@ -258,3 +258,42 @@ fn real_volumes_take_what_they_hold() {
         assert!((kept as f64) < most * dense.0 as f64, "{kept} of {}", dense.0);
     }
 }
+
+/// Cells centred inside an opaque surface: the twin's, zero by every method and in the field, on both sides of signed data, at
+/// clip planes, in fields that words of 32 do not divide.
+#[test]
+fn cells_inside_a_surface_are_left_out() {
+    use halflight::scene::Clip;
+    use halflight::stages::buried;
+    let engine = engine();
+    let shell = Surface { iso: 0.5, albedo: Some([0.8; 3]), shading: Shading::Lambert };
+    for (dims, ratio) in [([45, 31, 27], 1), ([45, 31, 27], 2), ([60, 44, 52], 4)] {
+        let volume = balls(dims, 8.0, 3);
+        let uploaded = engine.upload(&volume).expect("upload");
+        for clip in [Clip::default(), Clip { bounds: Some([[0.4, 0.0, 0.0], [1.0, 0.9, 1.0]]), ..Clip::default() }] {
+            let medium = engine.classify_clipped(&uploaded, &surface(shell), &clip).expect("classify");
+            let v = settings(Method::March, ratio);
+            let field_dims = volume.grid().field_dims(ratio as usize);
+            let twin = buried::reference(&volume, field_dims, 0.5, &clip.half_spaces(volume.grid()));
+            let wanted = engine.wanted_cells(&medium, &v).expect("cells");
+            let all = engine.wanted_cells(&medium, &Visibility { cells: Cells::All, ..v.clone() }).expect("cells");
+            let left_out: Vec<u32> = (0..twin.len() as u32).filter(|c| all.binary_search(c).is_err()).collect();
+            let expected: Vec<u32> = (0..twin.len() as u32).filter(|&c| twin[c as usize]).collect();
+            assert_eq!(left_out, expected, "{dims:?} 1:{ratio}");
+            assert!(expected.len() > 8 && wanted.iter().all(|&c| !twin[c as usize]));
+            // Sabotage: another iso value buries other cells.
+            assert_ne!(buried::reference(&volume, field_dims, 0.1, &clip.half_spaces(volume.grid())), twin);
+            let some = [expected[0], wanted[0], expected[expected.len() - 1], wanted[wanted.len() - 1]];
+            for method in [Method::March, Method::Hierarchical, Method::Sweep] {
+                let got = engine.estimate(&medium, &settings(method, ratio), &some, &mut quiet).expect("estimate");
+                assert!(got[0] == [0.0; 16] && got[2] == [0.0; 16] && got[1][0] > 0.1 && got[3][0] > 0.1, "{method:?}: {got:?}");
+                let alone = engine.estimate(&medium, &settings(method, ratio), &some[1..2], &mut quiet).expect("estimate");
+                assert_eq!(alone[0], got[1]);
+            }
+        }
+        let cleared = engine.classify(&uploaded, &linear(1.0)).expect("classify");
+        let v = Visibility { cells: Cells::All, ..settings(Method::March, ratio) };
+        let cells = volume.grid().field_dims(ratio as usize).iter().product::<usize>();
+        assert_eq!(engine.wanted_cells(&cleared, &v).expect("cells").len(), cells, "a medium without a surface buries nothing");
+    }
+}

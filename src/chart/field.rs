@@ -130,7 +130,7 @@ impl<'a> Fields<'a> {
     fn at(&self, ratio: u32, probes: usize, costs: Costs, clock: &Clock) -> Result<At<'a>> {
         let (engine, medium) = (self.engine, self.medium);
         let cells = engine.wanted_cells(medium, &Visibility { ratio, ..Visibility::default() })?;
-        let probes = measure::probes(&self.subject.volume, medium, ratio, probes.max(LEAST_PROBES));
+        let probes = measure::probes(engine, &self.subject.volume, medium, ratio, probes.max(LEAST_PROBES))?;
         Ok(At { engine, medium, ratio, probes, reference: Vec::new(), cells, cheap: CHEAP * clock.share, costs })
     }
 }
@@ -156,7 +156,7 @@ impl At<'_> {
 
     /// The reference at up to `most` probes.
     fn begin(&mut self, f: &Fields, ratio: u32, most: usize, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
-        self.probes = measure::probes(&f.subject.volume, self.medium, ratio, most);
+        self.probes = measure::probes(self.engine, &f.subject.volume, self.medium, ratio, most)?;
         let (reference, times) =
             timed(self.engine, || measure::reference(self.engine, self.medium, ratio, &self.probes, &mut |_, _| clock.tick()))?;
         self.reference = reference;

@@ -56,7 +56,7 @@ pub(super) enum Estimator<'a> {
 
 impl Engine {
     /// Coefficients of some cells of the field that `settings` describe (linear indices), before packing: what errors are
-    /// measured with.
+    /// measured with. Zero where a cell is centred inside an opaque surface, by every method.
     ///
     /// # Errors
     /// As [`Engine::precompute`].
@@ -69,6 +69,13 @@ impl Engine {
                 what: format!("index {cell}"),
                 right: format!("the field has {count} cells"),
             });
+        }
+        let buried = self.buried(medium, medium.grid().field_dims(settings.ratio as usize))?;
+        let sees = |&cell: &u32| !buried.get(cell as usize).is_some_and(|b| *b);
+        if !cells.iter().all(sees) {
+            let some: Vec<u32> = cells.iter().copied().filter(sees).collect();
+            let mut found = self.estimate(medium, settings, &some, progress)?.into_iter();
+            return Ok(cells.iter().map(|cell| if sees(cell) { found.next().unwrap_or_default() } else { [0.0; 16] }).collect());
         }
         let map = match settings.method {
             Method::Sweep => self.cell_map(medium, settings, cells)?,

@@ -3,6 +3,7 @@
 
 mod aov;
 mod budget;
+mod buried;
 mod cost;
 mod estimate;
 mod field;
@@ -81,6 +82,8 @@ pub struct Medium {
     flat_albedo: Option<[f32; 3]>,
     /// Kept half spaces, voxel space.
     clip: Vec<[f32; 4]>,
+    /// Cells inside the surface, by the field's dims.
+    buried: buried::Known,
 }
 
 impl DeviceVolume {
@@ -281,7 +284,7 @@ impl Engine {
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
-        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo, clip })
+        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo, clip, buried: Default::default() })
     }
 }
 

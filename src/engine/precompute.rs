@@ -134,7 +134,8 @@ impl Engine {
     pub(super) fn cell_map(&self, medium: &Medium, settings: &Visibility, also: &[u32]) -> Result<CellMap> {
         let dims = self.field_dims(medium.grid(), settings)?;
         let matter = cells::matter(medium.occupancy.filled(), medium.occupancy.dims(), medium.grid().dims(), dims);
-        Ok(CellMap::new(dims, &matter, also, settings.cells == Cells::All))
+        let buried = self.buried(medium, dims)?;
+        Ok(CellMap::new(dims, &matter, &buried, also, settings.cells == Cells::All))
     }
 
     /// Cells of a field of these settings, which are checked.

@@ -1,21 +1,28 @@
 //! Where a field is measured: cells near matter, drawn at random from a fixed seed.
 
-use crate::engine::Medium;
+use crate::engine::{Engine, Medium};
+use crate::error::Result;
 use crate::scene::{Grid, Volume};
 use crate::stages::directions::SplitMix;
 use crate::stages::twin;
 
 /// Field cells within two cells of matter (σ_t > 0 at a voxel), up to `count` of them, drawn at random without
 /// repetition from a fixed seed, ascending.
-pub fn probes(volume: &Volume, medium: &Medium, ratio: u32, count: usize) -> Vec<u32> {
-    let mut cells = draw(near_matter(volume, medium, ratio), count, SEED);
+///
+/// # Errors
+/// What the device refuses.
+pub fn probes(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32, count: usize) -> Result<Vec<u32>> {
+    let mut cells = draw(near_matter(engine, volume, medium, ratio)?, count, SEED);
     cells.sort_unstable();
-    cells
+    Ok(cells)
 }
 
-/// All field cells at `ratio` voxels per cell within two cells of matter (σ_t > 0 at a voxel), ascending. Looks at each
-/// voxel at most once.
-pub fn near_matter(volume: &Volume, medium: &Medium, ratio: u32) -> Vec<u32> {
+/// All field cells at `ratio` voxels per cell within two cells of matter (σ_t > 0 at a voxel), ascending, but those centred
+/// inside an opaque surface, which are zero by definition. Looks at each voxel at most once.
+///
+/// # Errors
+/// What the device refuses.
+pub fn near_matter(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32) -> Result<Vec<u32>> {
     let grid: &Grid = volume.grid();
     let n = grid.dims();
     let dims = grid.field_dims(ratio as usize);
@@ -43,7 +50,9 @@ pub fn near_matter(volume: &Volume, medium: &Medium, ratio: u32) -> Vec<u32> {
             *out = (lo..=hi).any(|k| source[i + k * strides[a] - at * strides[a]]);
         }
     }
-    near.iter().enumerate().filter(|(_, n)| **n).map(|(i, _)| i as u32).collect()
+    let buried = engine.buried(medium, dims)?;
+    let sees = |i: usize| !buried.get(i).is_some_and(|b| *b);
+    Ok((0..near.len()).filter(|&i| near[i] && sees(i)).map(|i| i as u32).collect())
 }
 
 /// The seed of the probes.

@@ -73,7 +73,7 @@ impl Plan {
     /// # Errors
     /// As [`Engine::estimate`].
     pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
-        let mut cells = draw(near_matter(volume, medium, settings.ratio), PROBES[0], super::probes::SEED);
+        let mut cells = draw(near_matter(engine, volume, medium, settings.ratio)?, PROBES[0], super::probes::SEED);
         let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
         let mut pilot = |directions, cells: &[u32]| {
             let start = Instant::now();

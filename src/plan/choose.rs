@@ -68,7 +68,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         ..Visibility::default()
     };
     // Cells apart from those of `measure`: its verdict is not on what was tuned.
-    let drawn = measure::draw(measure::near_matter(volume, medium, ratio), MOST_CELLS, SEED);
+    let drawn = measure::draw(measure::near_matter(engine, volume, medium, ratio)?, MOST_CELLS, SEED);
     let wanted = engine.wanted_cells(medium, &base)?.len() as f64;
     let cells = drawn[..drawn.len().min(CELLS[1])].to_vec();
     let mut bench = Bench { engine, medium, cells, bands: request.bands, tried: Vec::new(), limit: FLOOR_SECONDS, seconds: 0.0, progress };

@@ -52,10 +52,14 @@ pub fn slot_dims(wanted: u64) -> [u32; 3] {
 }
 
 impl CellMap {
-    /// Cells within [`MARGIN`] of a cell that holds `matter` are wanted, those of `also`, or all.
-    pub fn new(dims: [usize; 3], matter: &[bool], also: &[u32], all: bool) -> Self {
+    /// Cells within [`MARGIN`] of a cell that holds `matter` are wanted, or all, but not those that are `buried` (none are
+    /// where it is empty); and those of `also`.
+    pub fn new(dims: [usize; 3], matter: &[bool], buried: &[bool], also: &[u32], all: bool) -> Self {
         let distances = distances(dims, matter);
         let mut wants: Vec<bool> = distances.iter().map(|&d| all || d <= MARGIN).collect();
+        for (wants, _) in wants.iter_mut().zip(buried).filter(|(_, buried)| **buried) {
+            *wants = false;
+        }
         for &cell in also {
             wants[cell as usize] = true;
         }
@@ -199,11 +203,12 @@ mod tests {
                 }
             }
         }
-        let map = CellMap::new(dims, &matter, &[], false);
+        let map = CellMap::new(dims, &matter, &[], &[], false);
         assert_eq!(map.texels[at(a)] & 15, 0);
         assert_eq!(map.wanted, d.iter().filter(|&&d| d <= MARGIN).count());
         assert_eq!(map.texels.iter().filter(|&&t| t >> 4 > 0).count(), map.wanted);
-        assert_eq!(CellMap::new(dims, &matter, &[0], false).wanted, map.wanted + usize::from(d[0] > MARGIN));
+        assert_eq!(CellMap::new(dims, &matter, &[], &[0], false).wanted, map.wanted + usize::from(d[0] > MARGIN));
+        assert_eq!(CellMap::new(dims, &matter, &matter, &[], false).wanted, map.wanted - 2, "what is buried is not wanted");
         assert_eq!(map.cells().len(), map.wanted);
         // Every tile of every slice stands once, and none that holds a wanted cell is only carried.
         let tiles = Tiles::new(dims, &map);

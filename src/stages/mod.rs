@@ -4,6 +4,7 @@
 pub mod aov;
 pub mod block_ranges;
 pub mod bricks;
+pub mod buried;
 pub mod cells;
 pub mod classify;
 pub mod directions;
