@@ -150,7 +150,7 @@ fn the_command_says_the_plan_and_writes_what_it_chose() {
     // The command line's tolerance displaces the file's method; the header holds what was chosen.
     let (code, text) = run(&["precompute", "s.toml", "-o", "f.nrrd", "--tolerance", "0.1", "--visibility.ratio", "2"]);
     assert_eq!(code, Some(0), "{text}");
-    for part in ["plan ", "predicted ", "because ", "planning ", "verified ", "1:2 as asked"] {
+    for part in ["plan ", "predicted ", "because ", "planning ", "verified ", "1:2 as asked", "together"] {
         assert!(text.contains(part), "{part}: {text}");
     }
     let header = String::from_utf8_lossy(&std::fs::read(folder.join("f.nrrd")).expect("field")).into_owned();

@@ -39,7 +39,6 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut meta = header(&scene, &engine, &spans);
     meta.extend(Keys::of(&scene, &loaded.volume, &loaded.matter).meta());
     if let Some(seconds) = budget {
-        // A plan has taken the timings of its fields.
         let known = !spans.is_empty() && spans.iter().all(|s: &Span| s.timed);
         let budget = Budget { seconds, field_seconds: known.then(|| spans.iter().map(|s| s.seconds).sum()) };
         bar.plan(&[works(&scene.visibility, &scene.image, loaded.volume.grid())[0], reference_work(&loaded.volume)]);

@@ -1,7 +1,7 @@
 //! Runs candidates within a budget and keeps what they showed.
 
 use super::Candidate;
-use crate::engine::{Engine, Medium, Progress};
+use crate::engine::{Engine, Medium, Progress, Span};
 use crate::error::Result;
 use crate::measure::{FieldError, errors};
 use crate::scene::Visibility;
@@ -100,8 +100,12 @@ pub(super) fn systematic(pairs: [[&Run; 2]; 2], kept: usize) -> [f64; 2] {
 }
 
 /// Device seconds since the timings were last taken; where the device keeps no time, those of the clock.
-pub(super) fn seconds(engine: &Engine, start: Instant) -> f64 {
-    let spans = engine.take_timings();
+fn seconds(engine: &Engine, start: Instant) -> f64 {
+    together(&engine.take_timings(), start)
+}
+
+/// Device seconds of spans; where the device keeps no time, those of the clock.
+pub(super) fn together(spans: &[Span], start: Instant) -> f64 {
     match spans.iter().all(|s| s.timed) {
         true => spans.iter().map(|s| s.seconds).sum(),
         false => start.elapsed().as_secs_f64(),

@@ -1,6 +1,6 @@
 //! The planned field, verified.
 
-use super::bench::seconds;
+use super::bench::together;
 use super::choose::unreachable;
 use super::{Candidate, Plan};
 use crate::engine::{Engine, Field, Medium, Progress};
@@ -31,7 +31,7 @@ pub struct Made {
 impl Plan {
     /// Computes the chosen field, and measures it at the plan's cells; where it misses the tolerance, corrects the plan by
     /// what was seen and computes it again, which `tell` is told before it begins. The plan's settings are then those of
-    /// the field. Takes the engine's timings.
+    /// the field. Takes the engine's timings and leaves those of the field.
     ///
     /// # Errors
     /// [`crate::Error::Invalid`] on the tolerance where no field met it; otherwise as [`Engine::precompute`].
@@ -42,7 +42,8 @@ impl Plan {
             let start = Instant::now();
             engine.take_timings();
             let field = engine.precompute(medium, &self.settings, progress)?;
-            let seconds = seconds(engine, start);
+            let spans = engine.take_timings();
+            let seconds = together(&spans, start);
             let data = engine.read_field(&field)?;
             let mut error = self.verify(&data);
             while error.relative_l2 <= self.tolerance && error.interval[1] > self.tolerance && self.widen(engine, medium, progress)? {
@@ -66,6 +67,8 @@ impl Plan {
                         self.tolerance
                     ));
                 }
+                engine.take_timings();
+                engine.put_timings(spans);
                 return Ok(Made { field, data, error, seconds, missed });
             }
             closest = closest.min(upper);
