@@ -4,7 +4,7 @@ use super::frame::Frames;
 use super::{Clock, Level, SubjectReport, candidates};
 use crate::engine::{Field, ReferenceSettings};
 use crate::error::Result;
-use crate::measure::flip;
+use crate::measure::{covered_mean as mean, exposed, flip, judged};
 use crate::scene::visibility::Method;
 use crate::scene::{Matter, Picture, Probe, Shading, Sky, Visibility};
 
@@ -138,35 +138,9 @@ impl Frames<'_> {
 
     /// FLIP of what a viewer would see.
     pub fn flip(&self, a: &Picture, b: &Picture) -> f64 {
-        let gain = self.image.exposure.exp2() as f32;
-        let shown = |p: &Picture| {
-            let rgba = p.rgba.iter().map(|&[r, g, b, a]| [r * gain, g * gain, b * gain, a]).collect();
-            Picture { rgba, ..*p }
-        };
+        let shown = |p: &Picture| exposed(p, self.image.exposure);
         flip::display(&shown(a), &shown(b)).map_or(f64::NAN, |f| f.mean)
     }
-}
-
-/// √(mean square difference − noise²) over the mean of `b`, R, G, B of the pixels that `b` covers; and its 95 % interval, by
-/// the spread of those pixels. `None` where nothing is covered.
-fn judged(a: &Picture, b: &Picture, noise: f64) -> Option<(f64, [f64; 2])> {
-    let pairs = a.rgba.iter().zip(&b.rgba).filter(|(_, b)| b[3] > 0.0);
-    let squares: Vec<f64> = pairs.map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>() / 3.0).collect();
-    let (n, scale) = (squares.len() as f64, mean(b).powi(2));
-    if n < 2.0 || scale <= 0.0 {
-        return None;
-    }
-    let square = squares.iter().sum::<f64>() / n;
-    let variance = squares.iter().map(|s| (s - square).powi(2)).sum::<f64>() / (n - 1.0);
-    let [least, value, most] = [-1.96, 0.0, 1.96].map(|k| ((square + k * (variance / n).sqrt()) / scale - noise * noise).max(0.0).sqrt());
-    Some((value, [least, most]))
-}
-
-/// Mean of R, G, B over the covered pixels.
-fn mean(picture: &Picture) -> f64 {
-    let covered = || picture.rgba.iter().filter(|p| p[3] > 0.0);
-    let sum: f64 = covered().map(|p| f64::from(p[0]) + f64::from(p[1]) + f64::from(p[2])).sum();
-    sum / (3 * covered().count().max(1)) as f64
 }
 
 /// |a − b| of the mean of R, G, B, in units of the mean of `b` where it covers.
@@ -174,30 +148,4 @@ pub fn difference(a: &Picture, b: &Picture) -> Vec<f32> {
     let grey = |p: &[f32; 4]| (p[0] + p[1] + p[2]) / 3.0;
     let mean = mean(b).max(1e-9) as f32;
     a.rgba.iter().zip(&b.rgba).map(|(a, b)| (grey(a) - grey(b)).abs() / mean).collect()
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn noise_is_taken_off_and_the_interval_holds_the_error() {
-        let mut random = crate::stages::directions::SplitMix(7);
-        let mut normal = || (0..12).map(|_| (random.next() >> 11) as f64 / (1u64 << 53) as f64).sum::<f64>() - 6.0;
-        let mut picture = |off: f64, noise: f64| Picture {
-            width: 64,
-            height: 64,
-            rgba: (0..64 * 64).map(|_| [0, 1, 2, 3].map(|c| if c < 3 { (2.0 + off + noise * normal()) as f32 } else { 1.0 })).collect(),
-        };
-        // Off by 0.3 of a mean of 2, seen through noise of 0.4 of that mean.
-        let (exact, noisy) = (picture(0.3, 0.0), picture(0.0, 0.8));
-        let (rmse, [least, most]) = judged(&exact, &noisy, 0.4).unwrap();
-        assert!((rmse - 0.15).abs() < 0.02 && least < 0.15 && most > 0.15 && most - least < 0.1, "{rmse} [{least}, {most}]");
-        // Sabotage: with its noise left in, the error is another.
-        assert!(judged(&exact, &noisy, 0.0).unwrap().0 > 0.4);
-        // Noise alone is no error, and nothing covered is none either.
-        assert_eq!(judged(&picture(0.0, 0.0), &noisy, 0.4).unwrap().1[0], 0.0);
-        assert!(judged(&exact, &Picture::new(64, 64), 0.0).is_none());
-    }
 }

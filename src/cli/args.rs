@@ -106,7 +106,7 @@ pub fn command() -> Command {
                 .about("Compute a scene's visibility field and write its coefficients")
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
-                .arg(measure())
+                .arg(measure("60", "measure the field's error against a dense reference, in about so many seconds of device time at most [60]"))
                 .arg(frame())
                 .args(wanted())
                 .args(scene_args(OF_FIELD))
@@ -120,6 +120,10 @@ pub fn command() -> Command {
                 .arg(frame())
                 .arg(field())
                 .args(wanted())
+                .arg(
+                    measure("20", "measure the picture's error at fewer of its pixels against Monte Carlo without harmonics, in about so many seconds [20]")
+                        .conflicts_with("reference"),
+                )
                 .args(reference())
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),
@@ -283,15 +287,15 @@ fn field() -> Arg {
     path("field", "FILE", "take the visibility field from this file, which halflight precompute wrote for this scene").long("field")
 }
 
-fn measure() -> Arg {
+fn measure(seconds: &'static str, help: &'static str) -> Arg {
     Arg::new("measure")
         .long("measure")
         .value_name("SECONDS")
         .num_args(0..=1)
         .require_equals(true)
-        .default_missing_value("60")
+        .default_missing_value(seconds)
         .value_parser(parse_seconds)
-        .help("measure the field's error against a dense reference, in about so many seconds of device time at most [60]")
+        .help(help)
 }
 
 /// What a plan is asked for, in short.

@@ -14,9 +14,10 @@ use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, Span};
 use halflight::error::bytes;
 use halflight::io;
+use halflight::measure::{PictureError, Pictured};
 use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
 use halflight::scene::visibility::Method;
-use halflight::scene::{Camera, Grid, ImageSettings, Picture, Probe, Scene, Visibility, scene_at};
+use halflight::scene::{Camera, Grid, ImageSettings, Picture, Probe, Scene, Sky, Visibility, scene_at};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,10 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mut report = context.report();
     let (mut scene, output) = asked(m, PICTURES, OF_SCENE)?;
     let mut stages = vec![load::READ, "upload", "visibility", "relight", "render", "write"];
+    let budget = m.get_one::<f64>("measure").copied();
+    if budget.is_some() {
+        stages.insert(5, "measure");
+    }
     if scene.wanted.is_some() {
         stages.insert(2, plan::STAGE);
     }
@@ -41,12 +46,27 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let lit = engine.relight(&field, &loaded.light)?;
     bar.enter("render");
     let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
-    bar.enter("write");
-    background(&scene, &loaded, &mut picture)?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
     let spans = engine.take_timings();
-    output.write(&picture, scene.image.exposure, &header(&scene, &engine, &spans))?;
+    let mut meta = header(&scene, &engine, &spans);
+    if let Some(seconds) = budget {
+        report.flush()?;
+        bar.enter("measure");
+        let sky = Sky::from_settings(&scene.light, loaded.probe.as_ref())?;
+        let of = Pictured { medium: &medium, lit: &lit, sky: &sky, camera: &loaded.camera, image: &scene.image };
+        match PictureError::measure(&engine, &of, seconds, &mut bar.job())? {
+            Some(error) => {
+                report.line("error", error.sentence());
+                report.set("picture_error", json!(error));
+                meta.extend(error.meta());
+            }
+            None => report.line("error", "not measured: nothing is seen"),
+        }
+    }
+    bar.enter("write");
+    background(&scene, &loaded, &mut picture)?;
+    output.write(&picture, scene.image.exposure, &meta)?;
     drop(bar);
     finish(context, report, &engine, &spans, &output)
 }

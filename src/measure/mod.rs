@@ -3,16 +3,21 @@
 //! - [`field_error`], [`errors`]: relative L2 over cells and coefficients, whole and by band, with bootstrap intervals.
 //! - [`Plan`], [`Report`]: the same of a computed field against the dense reference, before and after packing, within a
 //!   budget of device time.
+//! - [`PictureError`]: of a picture against Monte Carlo without harmonics, at fewer of its pixels.
 //! - [`relative_rmse`], [`compare`]: one picture against another.
 //! - [`flip`]: the perceived difference of two pictures (Andersson et al. 2020, 2021).
 
 mod field;
 pub mod flip;
+mod frame;
 mod picture;
 mod probes;
 mod report;
 
 pub use field::{Errors, FieldError, errors, field_error};
+pub use frame::{PictureError, Pictured};
+#[cfg(feature = "chart")]
+pub(crate) use frame::{covered_mean, exposed, judged};
 pub use picture::{Difference, compare, relative_rmse};
 pub(crate) use probes::draw;
 pub use probes::{near_matter, probes};
