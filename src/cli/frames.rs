@@ -1,6 +1,6 @@
 //! `frames`: a scene's animation as numbered pictures, resumable, in any order and in any chunks with the same bits.
 
-use super::args::{OF_FRAMES, check_used, overrides};
+use super::args_keys::{OF_FRAMES, check_used, overrides};
 use super::fail::Failure;
 use super::fingerprint::{self, Files};
 use super::forecast::{Forecast, needs};

@@ -1,6 +1,8 @@
 //! The `halflight` command: reads the command line, calls the engine, says what was done.
 
 mod args;
+mod args_keys;
+mod args_values;
 mod chart;
 mod compare;
 mod demo;

@@ -1,7 +1,7 @@
 //! `precompute`: a scene's visibility field as a file, and how wrong it is.
 
 use super::Context;
-use super::args::OF_FIELD;
+use super::args_keys::OF_FIELD;
 use super::fail::Failure;
 use super::field_file::Keys;
 use super::load;

@@ -1,7 +1,7 @@
 //! `render`, and what `precompute` shares with it: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::{OF_REFERENCE, OF_SCENE, check_used, overrides};
+use super::args_keys::{OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::field_file;
 use super::load::{self, Loaded};
