@@ -2,68 +2,9 @@
 #![cfg(feature = "cli")]
 
 mod common;
-use common::*;
-use std::collections::BTreeMap;
-use std::path::Path;
+use common::run;
+use common::sequence::*;
 use std::process::{Command, Stdio};
-
-/// A folder with a small volume and a scene whose light turns, whose surface of view moves and whose matter fades.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut bytes = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 24 20 16\nencoding: raw\n\n".to_vec();
-    let sphere = |x: i32, y: i32, z: i32| 255 - 14 * (((x - 12).pow(2) + (y - 10).pow(2) + (z - 8).pow(2)) as f32).sqrt() as i32;
-    for i in 0..24 * 20 * 16 {
-        bytes.push(sphere(i % 24, i / 24 % 20, i / 480).clamp(0, 255) as u8);
-    }
-    std::fs::write(folder.path().join("v.nrrd"), bytes).expect("a volume");
-    std::fs::write(folder.path().join("s.toml"), SCENE).expect("a scene");
-    folder
-}
-
-const SCENE: &str = r#"
-[volume]
-file = "v.nrrd"
-[visibility]
-method = "sweep"
-directions = 32
-[image]
-width = 32
-height = 24
-background = [0.2, 0.1, 0]
-[light]
-constant = [1, 0.9, 0.8]
-[animation]
-frames = 8
-[[animation.keyframe]]
-frame = 1
-camera.orbit = [0, 0, 1, 0]
-light.scale = 1
-ease = "smooth"
-[[animation.keyframe]]
-frame = 9
-camera.orbit = [0, 0, 1, 360]
-light.scale = 2
-[[animation.keyframe]]
-frame = 3
-ease = "hold"
-transfer.points = [[60, 1, 0.5, 0.2, 0], [200, 1, 0.9, 0.2, 0.4]]
-[[animation.keyframe]]
-frame = 6
-transfer.points = [[60, 0.2, 0.5, 1, 0], [200, 0.2, 0.9, 1, 0.2]]
-"#;
-
-/// The files of a folder inside `folder`, by name.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = std::fs::read_dir(folder).expect("a folder");
-    entries
-        .map(|e| e.expect("an entry"))
-        .map(|e| (e.file_name().into_string().expect("a name"), std::fs::read(e.path()).expect("a file")))
-        .collect()
-}
-
-fn frames(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
-    run(folder, &[&["frames", "s.toml"], arguments].concat())
-}
 
 #[test]
 fn frames_have_the_same_bits_in_any_chunks_and_from_any_folder() {
@@ -283,41 +224,4 @@ fn a_preview_and_an_estimate_say_what_they_are() {
     assert_eq!(code, 0, "{err}");
     assert!(out.contains("estimate: ") && out.contains("for 8 frames, ") && out.contains("of device memory"), "{out}");
     assert_eq!(files(&here.path().join("e")).len(), 4);
-}
-
-#[test]
-fn open_job_description_runs_the_template_in_chunks() {
-    let program = std::env::var_os("OPENJD").map_or("openjd".into(), std::path::PathBuf::from);
-    if !Command::new(&program).arg("--version").output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: `openjd` is not installed (pip install openjd-cli; or name it in OPENJD)");
-        return;
-    }
-    let here = folder();
-    let (code, ..) = frames(here.path(), &["-o", "whole/f.####.exr"]);
-    assert_eq!(code, 0);
-    let template = concat!(env!("CARGO_MANIFEST_DIR"), "/farm/halflight.openjd.yaml");
-    let at = |name: &str| here.path().join(name).display().to_string();
-    let job = |scene: &str, out: &str| {
-        let parameters = [
-            format!("Scene={scene}"),
-            format!("Output={}", at(out)),
-            "Frames=1-8".into(),
-            "ChunkSize=3".into(),
-            format!("Halflight={}", env!("CARGO_BIN_EXE_halflight")),
-        ];
-        let mut command = Command::new(&program);
-        command.args(["run", template, "--step", "Frames"]);
-        for p in &parameters {
-            command.args(["-p", p]);
-        }
-        let done = command.current_dir(here.path()).output().expect("openjd");
-        (done.status.success(), String::from_utf8_lossy(&done.stdout).into_owned() + &String::from_utf8_lossy(&done.stderr))
-    };
-    let (good, log) = job(&at("s.toml"), "farm/f.####.exr");
-    assert!(good, "{log}");
-    assert!(log.contains("openjd_progress: 100.0") && log.contains("openjd_status: frame "), "{log}");
-    assert!(files(&here.path().join("farm")) == files(&here.path().join("whole")));
-    // What fails, fails the job.
-    let (good, log) = job(&at("none.toml"), "farm/f.####.exr");
-    assert!(!good && log.contains("openjd_fail: ") && log.contains("no such file"), "{log}");
 }

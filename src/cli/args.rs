@@ -122,6 +122,11 @@ pub fn command() -> Command {
                 .arg(flag("no-reuse", "compute everything anew for each frame; the pictures are the same"))
                 .arg(field())
                 .arg(
+                    path("fields", "DIR", "keep fields here under their hash and take those that are there: no field is computed twice")
+                        .long("fields")
+                        .conflicts_with_all(["field", "no-reuse"]),
+                )
+                .arg(
                     Arg::new("progress")
                         .long("progress")
                         .value_name("HOW")

@@ -9,9 +9,7 @@ mod demo;
 mod fail;
 mod field_file;
 mod fingerprint;
-mod forecast;
 mod frames;
-mod frames_says;
 mod info;
 mod layers;
 mod light;
@@ -23,7 +21,6 @@ mod progress;
 mod reference;
 mod render;
 mod report;
-mod session;
 mod transfer;
 
 use clap::ArgMatches;

@@ -117,7 +117,7 @@ pub fn visibility(
     let medium = engine.classify_clipped(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
     if let Some(path) = given {
         let keys = field_file::Keys::of(scene, volume, &loaded.matter);
-        let field = field_file::read(engine, path, volume, scene, &keys)?.field;
+        let field = field_file::read(engine, path, volume, scene, &keys, None)?.field;
         (scene.visibility, scene.wanted) = (field.settings().clone(), None);
         report.line("field", format!("{}, {} packed", path.display(), bytes(field.bytes())));
         return Ok((medium, field));

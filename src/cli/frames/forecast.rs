@@ -6,13 +6,23 @@ use halflight::scene::{Scene, Transfer};
 
 /// Whether each stage may be paid for again, from one frame's scene to the next; `layers` are asked for or not.
 pub fn needs(before: Option<&Scene>, scene: &Scene, layers: bool) -> [bool; STAGES.len()] {
-    let Some(before) = before else { return [true, true, true, true, true, true, layers, true] };
+    let Some(before) = before else { return [true, true, true, false, true, true, true, layers, true] };
     let volume = before.volume != scene.volume;
     let probe = before.light.source != scene.light.source;
     let matter = volume || before.transfer != scene.transfer || before.surface != scene.surface || before.clip != scene.clip;
     let absorbs = volume || before.clip != scene.clip || !same_extinction(before, scene);
     let field = absorbs || before.visibility != scene.visibility;
-    [volume || probe, volume, matter, field, field || before.light != scene.light, true, layers, true]
+    [volume || probe, volume, matter, false, field, field || before.light != scene.light, true, layers, true]
+}
+
+/// What tells the fields of a sequence's frames apart.
+pub fn field_of(scene: &Scene) -> String {
+    let matter = match (&scene.surface, &scene.transfer) {
+        (Some(surface), _) => format!("{:?}", surface.iso),
+        (None, TransferSource::Points(t)) => format!("{:?}", (t.kind(), t.reference(), t.opacities())),
+        (None, other) => format!("{other:?}"),
+    };
+    format!("{:?}", (&scene.volume, matter, &scene.clip, &scene.visibility))
 }
 
 /// Whether two scenes of one volume absorb alike, whatever their colours.

@@ -1,8 +1,8 @@
 //! What `frames` says while it works: a bar for people, lines for logs, what Open Job Description listens to, or JSON.
 
-use super::fail::Failure;
-use super::report::say;
 use super::session::{Paid, STAGES};
+use crate::cli::fail::Failure;
+use crate::cli::report::say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Map, json};
 use std::io::IsTerminal;
@@ -56,7 +56,7 @@ impl Sayer {
             if let Ok(style) = ProgressStyle::with_template("{msg:<12} [{bar:32}] {pos}/{len}  {eta} left") {
                 bar.set_style(style.progress_chars("=> "));
             }
-            super::progress::show_bar(Some(&bar));
+            crate::cli::progress::show_bar(Some(&bar));
             bar
         });
         Self { mode, count, done: 0, bar }
@@ -120,7 +120,7 @@ impl Sayer {
 impl Drop for Sayer {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
-            super::progress::show_bar(None);
+            crate::cli::progress::show_bar(None);
             bar.finish_and_clear();
         }
     }
