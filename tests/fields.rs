@@ -150,8 +150,8 @@ fn what_is_in_the_folder_is_checked() {
     assert!(err.contains("it was computed with other [visibility] settings"), "{err}");
     assert_eq!(files(&at("b")), frames_of);
     // Sabotage: numbers with a hash of their own are believed, and then pictures are others.
-    let begin = bytes.windows(2).position(|w| w == b"\n\n").expect("the header's end") + 2;
     for (name, bytes) in &good {
+        let begin = bytes.windows(2).position(|w| w == b"\n\n").expect("the header's end") + 2;
         let mut forged = bytes.clone();
         forged[begin..].chunks_exact_mut(4).for_each(|v| {
             let half = f32::from_le_bytes([v[0], v[1], v[2], v[3]]) * 0.5;
