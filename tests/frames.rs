@@ -225,3 +225,129 @@ fn a_preview_and_an_estimate_say_what_they_are() {
     assert!(out.contains("estimate: ") && out.contains("for 8 frames, ") && out.contains("of device memory"), "{out}");
     assert_eq!(files(&here.path().join("e")).len(), 4);
 }
+
+#[test]
+fn each_kind_of_progress_is_what_its_listener_expects() {
+    let here = folder();
+    let of = |how: &[&str]| {
+        let (code, out, err) = frames(here.path(), &[&["-o", "f.#.png", "--frames", "1-3"], how].concat());
+        assert!(code == 0 && err.is_empty(), "{how:?}: {code} {err}");
+        out
+    };
+    let lines = of(&["--progress", "lines"]);
+    assert_eq!(lines.lines().filter(|l| l.starts_with("frame ")).count(), 3);
+    // Nobody sees a bar here.
+    let kinds = |out: &str| out.lines().map(|l| l.split_whitespace().next().unwrap_or_default().to_owned()).collect::<Vec<_>>();
+    assert_eq!(kinds(&of(&["--progress", "auto"])), kinds(&lines));
+    assert_eq!(kinds(&of(&["--progress", "tty"])), kinds(&lines));
+    let none = of(&["--progress", "none"]);
+    assert!(none.starts_with("frames     3 written") && !none.contains("frame  "), "{none}");
+    let openjd = of(&["--progress", "openjd"]);
+    let after = |key: &str| openjd.lines().filter_map(|l| l.strip_prefix(key)).collect::<Vec<_>>();
+    assert_eq!(after("openjd_status: "), ["frame 1, 1 of 3", "frame 2, 2 of 3", "frame 3, 3 of 3"]);
+    assert_eq!(after("openjd_progress: "), ["33.3", "66.7", "100.0"]);
+    // JSON to the last line, also of a run that fails; one object and nothing else with --json.
+    let object = |line: &str| serde_json::from_str::<serde_json::Value>(line).expect("JSON");
+    let out = of(&["--progress", "json"]);
+    let objects: Vec<_> = out.lines().map(object).collect();
+    assert_eq!(objects.iter().filter(|o| o["frame"].is_i64()).count(), 3);
+    assert_eq!(objects.last().expect("an end")["written"], 3);
+    std::fs::write(here.path().join("t.toml"), "[volume]\nfile = \"none.nrrd\"\n[animation]\nframes = 2\n").expect("a scene");
+    let (code, out, err) = run(here.path(), &["frames", "t.toml", "-o", "f.#.png", "--progress", "json"]);
+    let objects: Vec<_> = out.lines().map(object).collect();
+    assert!(code == 3 && err.contains("none.nrrd") && objects.len() == 3, "{out}");
+    assert!(objects[0]["error"].is_string() && objects[2]["code"] == 3 && objects[2]["failed"].as_array().is_some_and(|f| f.len() == 2));
+    assert_eq!(of(&["--json", "--progress", "none"]).lines().count(), 1);
+    for how in ["lines", "json", "tty", "openjd"] {
+        let (code, _, err) = frames(here.path(), &["-o", "f.#.png", "--json", "--progress", how]);
+        assert!(code == 2 && err.contains("--json prints one object at the end"), "{err}");
+    }
+}
+
+/// The most memory that a run of the command holds, KiB, as the system counts it; and its report.
+#[cfg(target_os = "linux")]
+fn most_memory(folder: &std::path::Path, arguments: &[&str]) -> (u64, serde_json::Value) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_halflight"));
+    command.current_dir(folder).args(arguments).stdout(Stdio::piped()).stderr(Stdio::inherit());
+    let mut child = command.spawn().expect("the command runs");
+    let (status, mut most) = (format!("/proc/{}/status", child.id()), 0);
+    while child.try_wait().expect("a child").is_none() {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+        most = line.and_then(|l| l.split_whitespace().next()?.parse().ok()).unwrap_or(most);
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let done = child.wait_with_output().expect("it ends");
+    assert!(done.status.success());
+    (most, serde_json::from_slice(&done.stdout).expect("JSON"))
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_does_not_grow_with_frames() {
+    let here = folder();
+    // Two steps of a series in turn, matter that fades, a clip box that moves, a camera that orbits, layers: all that can stay.
+    for n in [1, 2] {
+        let mut bytes = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 80 80 80\nendian: little\nencoding: raw\n\n".to_vec();
+        let value =
+            |i: i32| 255.0 - 6.0 * ([i % 80, i / 80 % 80, i / 6400].map(|x| (x - 40).pow(2)).iter().sum::<i32>() as f32).sqrt() / n as f32;
+        bytes.extend((0..80 * 80 * 80).flat_map(|i| value(i).to_le_bytes()));
+        std::fs::write(here.path().join(format!("step_{n}.nrrd")), bytes).expect("a step");
+    }
+    let scene = |frames: usize| {
+        let mut text = "[volume]\nfile = \"step_#.nrrd\"\n[visibility]\nmethod = \"sweep\"\nratio = 4\ndirections = 8\n[image]\nwidth = 64\nheight = 48\n".to_owned();
+        text += &format!("[animation]\nframes = {frames}\n");
+        for frame in 1..=frames {
+            let (even, part) = (frame % 2, frame as f64 / frames as f64);
+            text += &format!(
+                "[[animation.keyframe]]\nframe = {frame}\nvolume.number = {}\ncamera.orbit = [0, 0, 1, {}]\nclip.box = [0, 0, 0, 1, 1, {}]\n\
+                 transfer.points = [[{}, 1, 0.5, 0.2, 0], [200, 1, 0.9, 0.2, 0.4]]\n",
+                1 + even,
+                360.0 * part,
+                0.5 + 0.5 * part,
+                40.0 + 30.0 * part
+            );
+        }
+        std::fs::write(here.path().join(format!("m{frames}.toml")), text).expect("a scene");
+    };
+    let (few, many) = (8, 48);
+    scene(few);
+    scene(many);
+    let of = |frames: usize, more: &[&str]| {
+        let (scene, out) = (format!("m{frames}.toml"), format!("m{frames}/f.##.exr"));
+        most_memory(here.path(), &[&["frames", &scene, "-o", &out, "--json", "--aov", "depth,normal"], more].concat())
+    };
+    for more in [&[][..], &["--fields", "fields"]] {
+        let ((a, few_said), (b, many_said)) = (of(few, more), of(many, more));
+        println!("{more:?}: {a} KiB for {few} frames, {b} KiB for {many}");
+        // A volume that stayed would be 2000 KiB a frame, 80000 for the 40 frames more, on the device as much again; a picture with
+        // its layers 100. What allocators keep differs from run to run.
+        assert!(b < a + 12000, "{more:?}: {a} KiB for {few} frames, {b} KiB for {many}");
+        let memory = |o: &serde_json::Value| ["peak", "estimate"].map(|k| o["memory"][k].as_u64().expect("bytes"));
+        assert_eq!(memory(&few_said)[0], memory(&many_said)[0], "{more:?}");
+        assert!(memory(&many_said)[0] <= memory(&many_said)[1], "{more:?}: {:?}", memory(&many_said));
+    }
+    // The comparison can fail: a picture that takes as much as a leak would is seen.
+    let (a, _) = of(few, &["--image.width", "64"]);
+    let (b, _) = of(few, &["--image.width", "800", "--image.height", "600"]);
+    assert!(b > a + 12000, "{a} {b}");
+}
+
+#[test]
+fn memory_and_time_are_said_beforehand_with_a_field_from_a_file_too() {
+    let here = folder();
+    let text = SCENE.split("[[animation.keyframe]]\nframe = 3").next().expect("text").to_owned();
+    std::fs::write(here.path().join("s.toml"), text).expect("a scene");
+    let (code, _, err) =
+        run(here.path(), &["precompute", "s.toml", "-o", "field.nrrd", "--transfer.points", "[[60, 1,1,1, 0], [200, 1,1,1, 0.4]]"]);
+    assert_eq!(code, 0, "{err}");
+    for given in [&["--field", "field.nrrd", "--visibility.bands", "4"][..], &["--fields", "fields"], &["--fields", "fields"], &[]] {
+        let points = ["--transfer.points", "[[60, 1,1,1, 0], [200, 1,1,1, 0.4]]"];
+        let (code, out, err) = frames(here.path(), &[&["-o", "f.#.png"], given, &points].concat());
+        assert!(code == 0 && out.contains("estimate: ") && out.contains("estimate   was"), "{given:?}: {out} {err}");
+        let (code, out, _) = frames(here.path(), &[&["-o", "f.#.png", "--json"], given, &points].concat());
+        let object: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+        let memory = ["peak", "estimate"].map(|k| object["memory"][k].as_u64().expect("bytes"));
+        assert!(code == 0 && memory[0] <= memory[1] && memory[1] < 2 * memory[0], "{given:?}: {memory:?}");
+    }
+}

@@ -284,7 +284,17 @@ impl Engine {
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
-        Ok(Medium { volume: volume.clone(), matter: matter.clone(), table, sigma, albedo, occupancy, flat_albedo, clip, buried: Default::default() })
+        Ok(Medium {
+            volume: volume.clone(),
+            matter: matter.clone(),
+            table,
+            sigma,
+            albedo,
+            occupancy,
+            flat_albedo,
+            clip,
+            buried: Default::default(),
+        })
     }
 }
 

@@ -38,11 +38,14 @@ fn same_extinction(a: &Scene, b: &Scene) -> bool {
     }
 }
 
+/// Frames that are remembered: estimates are made of fewer.
+const MOST: usize = 16;
+
 /// Costs seen so far.
 #[derive(Clone, Debug, Default)]
 pub struct Forecast {
-    /// (sum, count) of each stage's seconds, the very first frame apart: it compiles kernels and opens the device.
-    seen: [(f64, usize); STAGES.len()],
+    /// Each stage's seconds, ascending; the very first frame apart: it compiles kernels and opens the device.
+    seen: [Vec<f64>; STAGES.len()],
     first: [Option<f64>; STAGES.len()],
     frames: usize,
 }
@@ -54,9 +57,9 @@ impl Forecast {
             let Some(seconds) = *seconds else { continue };
             if self.frames == 0 {
                 self.first[i] = Some(seconds);
-            } else {
-                self.seen[i].0 += seconds;
-                self.seen[i].1 += 1;
+            } else if self.frames < MOST {
+                let place = self.seen[i].partition_point(|s| *s < seconds);
+                self.seen[i].insert(place, seconds);
             }
         }
         self.frames += 1;
@@ -73,10 +76,9 @@ impl Forecast {
         for frame in needs {
             for (i, _) in frame.iter().enumerate().filter(|(_, n)| **n) {
                 // Opening the device is paid for once, with the first upload.
-                sum += match self.seen[i] {
-                    (seconds, count) if count > 0 => seconds / count as f64,
-                    _ => self.first[i]?,
-                };
+                // Of the others the median: one frame that compiles a kernel anew is not how the rest will be.
+                let seen = &self.seen[i];
+                sum += seen.get(seen.len().saturating_sub(1) / 2).copied().or(self.first[i])?;
             }
         }
         Some(sum)
@@ -85,6 +87,33 @@ impl Forecast {
     /// Whether every stage that some frame needs has been seen beyond the first frame, where that is possible.
     pub fn knows(&self, needs: &[[bool; STAGES.len()]]) -> bool {
         let again = |i: usize| needs.iter().skip(1).any(|n| n[i]);
-        self.frames > 0 && (0..STAGES.len()).all(|i| !again(i) || self.seen[i].1 > 0)
+        self.frames > 0 && (0..STAGES.len()).all(|i| !again(i) || !self.seen[i].is_empty())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::session::{RENDER, VISIBILITY};
+    use super::*;
+
+    #[test]
+    fn one_slow_frame_is_not_how_the_rest_will_be() {
+        let paid = |stage: usize, seconds: f64| {
+            let mut paid = Paid::default();
+            paid.0[stage] = Some(seconds);
+            paid
+        };
+        let needs = |stage: usize| std::array::from_fn(|i| i == stage);
+        let mut forecast = Forecast::default();
+        assert_eq!(forecast.seconds(&[needs(VISIBILITY)]), None);
+        forecast.measured(&paid(VISIBILITY, 9.0));
+        // Only the first was seen, with what it opens and compiles.
+        assert_eq!(forecast.seconds(&[needs(VISIBILITY), needs(VISIBILITY)]), Some(18.0));
+        for seconds in [7.0, 1.0, 1.2] {
+            forecast.measured(&paid(VISIBILITY, seconds));
+        }
+        assert_eq!(forecast.seconds(&[needs(VISIBILITY); 10]), Some(12.0));
+        assert_eq!(forecast.seconds(&[needs(VISIBILITY), needs(RENDER)]), None, "what was never seen cannot be said");
+        assert!(forecast.knows(&[needs(RENDER), needs(VISIBILITY)]) && !forecast.knows(&[needs(VISIBILITY), needs(RENDER)]));
     }
 }

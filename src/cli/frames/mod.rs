@@ -29,12 +29,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use summary::{Tally, duration};
 
-/// Frames after which the cost of the rest is said, at most.
-const MEASURED: usize = 3;
+/// Frames after which the cost of the rest is said: the first opens the device, the second may compile kernels anew.
+const MEASURED: usize = 4;
 
 /// `halflight frames SCENE -o 'out/f.####.exr' --frames 1-100x2`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
-    let mode = Mode::of(m.get_one::<String>("progress").map_or("auto", String::as_str), context.json);
+    let mode = Mode::of(m.get_one::<String>("progress").map_or("auto", String::as_str), context.json)?;
     rendered(context, m, mode).inspect_err(|failure| {
         if mode == Mode::OpenJd {
             let _ = super::report::say(&format!("openjd_fail: {}", failure.sentence));
@@ -212,8 +212,12 @@ impl Run<'_> {
         }
         let needs = self.needs();
         let last = self.asked.estimate && self.forecast.frames() == sample(self.scenes.len()).len();
-        if !last && (self.asked.estimate || (self.forecast.frames() < MEASURED && !self.forecast.knows(&needs)) || place + 1 == needs.len())
-        {
+        // Of a few frames, nothing would be left to say it of.
+        let enough = match needs.len() {
+            ..=8 => self.forecast.frames() >= MEASURED || self.forecast.knows(&needs),
+            _ => self.forecast.frames() >= MEASURED,
+        };
+        if !last && (self.asked.estimate || !enough || place + 1 == needs.len()) {
             return Ok(());
         }
         let (all, rest) = (self.forecast.seconds(&needs), self.forecast.seconds(&needs[place + 1..]));

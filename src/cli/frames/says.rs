@@ -19,9 +19,15 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The mode of a word; `auto` is a bar where somebody sees it, and lines elsewhere.
-    pub fn of(word: &str, json: bool) -> Self {
-        match word {
+    /// The mode of a word; `auto` is a bar where somebody sees it, and lines elsewhere. `--json` leaves room for nothing else.
+    pub fn of(word: &str, json: bool) -> Result<Self, Failure> {
+        if json && !["auto", "none"].contains(&word) {
+            let right = "--progress json writes one object a frame, without --json";
+            return Err(Failure::usage(format!(
+                "--json prints one object at the end and nothing beside it; drop --progress {word} ({right})"
+            )));
+        }
+        Ok(match word {
             "tty" => Self::Tty,
             "lines" => Self::Lines,
             "openjd" => Self::OpenJd,
@@ -30,7 +36,7 @@ impl Mode {
             _ if json => Self::None,
             _ if std::io::stderr().is_terminal() => Self::Tty,
             _ => Self::Lines,
-        }
+        })
     }
 }
 

@@ -28,7 +28,7 @@ const CLASSIFY: usize = 2;
 pub const FIELDS: usize = 3;
 pub const VISIBILITY: usize = 4;
 const RELIGHT: usize = 5;
-const RENDER: usize = 6;
+pub const RENDER: usize = 6;
 const LAYERS: usize = 7;
 pub const WRITE: usize = 8;
 

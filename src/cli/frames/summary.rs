@@ -70,6 +70,10 @@ impl Run<'_> {
             .set("failed", tally.failed.iter().map(|(frame, f)| json!({ "frame": frame, "error": f.sentence, "code": f.code })).collect());
         report.set("stages", stages(&tally.paid));
         report.set("frames", json!(tally.list));
+        if let Some(failure) = failure {
+            report.set("error", json!(failure.sentence));
+            report.set("code", json!(failure.code));
+        }
         // A failure ends as one JSON object of its own.
         if failure.is_some() && context.json { Ok(()) } else { report.finish() }
     }
