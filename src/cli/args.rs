@@ -118,7 +118,10 @@ pub fn command() -> Command {
                 )
                 .arg(flag("skip-existing", "keep pictures that are there, whole and of this scene"))
                 .arg(flag("quick", "preview: small pictures, a coarse field of few directions"))
-                .arg(flag("estimate", "render a few of the frames and say what all of them will cost"))
+                .arg(
+                    flag("estimate", "render a few of the frames and say what all of them will cost")
+                        .conflicts_with_all(["skip-existing", "no-reuse"]),
+                )
                 .arg(flag("no-reuse", "compute everything anew for each frame; the pictures are the same"))
                 .arg(field())
                 .arg(
