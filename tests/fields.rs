@@ -281,5 +281,8 @@ fn a_folder_that_cannot_be_used_is_one_sentence() {
     let done = Command::new("sh").args(["-c", &script]).current_dir(here.path()).output().expect("sh");
     let err = String::from_utf8(done.stderr).expect("UTF-8");
     assert!(done.status.code() == Some(3) && err.contains("larger than files may become here"), "{err}");
+    // No frame's own fault: the others are not begun.
+    let out = String::from_utf8_lossy(&done.stdout);
+    assert!(out.contains("6 not begun or not finished") && out.contains("failed     1"), "{out}");
     assert!(files(&here.path().join("fields")).keys().all(|k| k.ends_with(".lock")), "no half of a field");
 }

@@ -170,7 +170,10 @@ impl Run<'_> {
         if self.asked.skip && is_whole(path, &hash) {
             return Ok(false);
         }
-        let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(own)?;
+        let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(|f| {
+            let (f, own) = own(f);
+            (f, own && !self.session.store().is_some_and(|s| s.broken))
+        })?;
         let animation = self.asked.scene.animation.as_ref();
         let mut meta = vec![
             ("scene".to_owned(), self.asked.header_text(scene)),

@@ -216,15 +216,15 @@ impl<'a> Session<'a> {
             let layers = if written.behind() { aov::BYTES * ((pixels.0 * pixels.1) as u64).min(aov::MOST) } else { 0 };
             let keys = field_file::Keys { volume: volume_hash.clone(), matter: classified.hash.clone() };
             let mut need = None;
-            let field = match (&self.given, &mut self.store) {
+            let made = match (&self.given, &mut self.store) {
                 (Some(path), _) => {
                     let loaded = paid.time(READ, || field_file::read(engine, path, &volume, scene, &keys, None))?;
                     self.field_meta = loaded.meta;
-                    loaded.field
+                    Ok(loaded.field)
                 }
                 (None, None) => {
                     need = Some(engine.admit(&classified.medium, &settings, Some(pixels)).map_err(blame)?);
-                    paid.time(VISIBILITY, || engine.precompute(&classified.medium, &settings, &mut job(going))).map_err(blame)?
+                    paid.time(VISIBILITY, || engine.precompute(&classified.medium, &settings, &mut job(going))).map_err(blame)
                 }
                 (None, Some(store)) => {
                     let of =
@@ -232,14 +232,14 @@ impl<'a> Session<'a> {
                     store.field(&of, going, paid, || {
                         need = Some(engine.admit(&classified.medium, &settings, Some(pixels)).map_err(blame)?);
                         engine.precompute(&classified.medium, &settings, &mut job(going)).map_err(blame)
-                    })?
+                    })
                 }
             };
-            let need = match need {
-                Some(need) => need,
-                None => engine.need(&classified.medium, &loading(field.settings()), Some(pixels)).map_err(blame)?,
-            };
-            self.estimate = self.estimate.max(need.peak() + layers);
+            if let (None, Ok(field)) = (need, &made) {
+                need = Some(engine.need(&classified.medium, &loading(field.settings()), Some(pixels)).map_err(blame)?);
+            }
+            self.estimate = self.estimate.max(need.map_or(0, |n| n.peak() + layers));
+            let field = made?;
             self.computed = Some(Computed { volume: volume_hash, matter: classified.hash.clone(), settings, field });
         }
         let computed = self.computed.as_ref().ok_or_else(lost)?;

@@ -25,6 +25,8 @@ pub struct Store {
     pub found: usize,
     /// Files that were there and were not what their name says.
     pub bad: usize,
+    /// Whether something could not be written here: that is no frame's own fault.
+    pub broken: bool,
     /// Bytes of the largest file.
     pub largest: u64,
     /// Seconds spent on waiting for others.
@@ -55,7 +57,7 @@ impl Store {
     /// The folder, made where it is missing.
     pub fn open(folder: &Path) -> Result<Self, Failure> {
         let made = Folder::make(folder)?;
-        Ok(Self { folder: folder.to_owned(), computed: 0, found: 0, bad: 0, largest: 0, waited: 0.0, _made: made })
+        Ok(Self { folder: folder.to_owned(), computed: 0, found: 0, bad: 0, broken: false, largest: 0, waited: 0.0, _made: made })
     }
 
     /// The field from its file, or else computed and kept there. Of several processes that want one field, one computes it.
@@ -75,7 +77,7 @@ impl Store {
         let missing = self.bad == bad;
         let lock = self.folder.join(format!("{name}.lock"));
         let start = Instant::now();
-        let (held, waited) = paid.time(FIELDS, || take(&lock, going))?;
+        let (held, waited) = paid.time(FIELDS, || take(&lock, going)).inspect_err(|_| self.broken = true)?;
         if waited {
             self.waited += start.elapsed().as_secs_f64();
         }
@@ -92,7 +94,8 @@ impl Store {
             ("device".into(), format!("{}; {}", device.name, device.driver)),
             ("field_key".into(), name),
         ];
-        paid.time(FIELDS, || field_file::write(of.engine, &path, &field, of.volume.grid(), &of.keys, meta))?;
+        let write = || field_file::write(of.engine, &path, &field, of.volume.grid(), &of.keys, meta);
+        paid.time(FIELDS, write).inspect_err(|_| self.broken = true)?;
         self.largest = self.largest.max(path.metadata().map_or(0, |m| m.len()));
         self.computed += 1;
         // Whoever opened the lock before finds the field after it; while the field is missing the lock stays.
