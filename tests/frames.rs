@@ -73,6 +73,14 @@ fn whole_files_of_this_scene_are_kept_and_all_others_made_again() {
         assert_eq!(code, 0);
         assert!(said.contains("2 written") && said.contains("2 were whole already"), "{said}");
         assert!(files(&here.path().join("o")) == before, "{kind}");
+        // The same scene under the number of another frame, and at another rate.
+        let hold = ["--animation.keyframe", "[{ frame = 1, light.scale = 1 }]", "--transfer.points", "[[60, 1,1,1, 0], [200, 1,1,1, 0.4]]"];
+        let held = |more: &[&str]| frames(here.path(), &[&["-o", &out, "--frames", "1-2", "--skip-existing"], &hold[..], more].concat()).1;
+        held(&[]);
+        assert!(held(&[]).contains("2 were whole already"));
+        std::fs::copy(at(1), at(2)).expect("copied");
+        assert!(held(&[]).contains("1 written"));
+        assert!(held(&["--animation.rate", "12"]).contains("2 written"));
         // Another setting, another sample of the volume: nothing is kept.
         let (_, said, _) =
             frames(here.path(), &["-o", &out, "--frames", "1-2", "--skip-existing", "--light.scale", "1.5", "--image.step", "0.9"]);
@@ -223,6 +231,9 @@ fn a_preview_and_an_estimate_say_what_they_are() {
     let (code, out, err) = frames(here.path(), &["-o", "e/f.#.png", "--estimate"]);
     assert_eq!(code, 0, "{err}");
     assert!(out.contains("estimate: ") && out.contains("for 8 frames, ") && out.contains("of device memory"), "{out}");
+    assert!(out.contains("frame    8 (4/4) "), "{out}");
+    let (code, _, err) = frames(here.path(), &["-o", "e/f.#.png", "--estimate", "--skip-existing"]);
+    assert!(code == 2 && err.contains("cannot be used with"), "{err}");
     assert_eq!(files(&here.path().join("e")).len(), 4);
 }
 

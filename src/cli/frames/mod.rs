@@ -45,7 +45,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure> {
     let signal = listen()?;
     let asked = Asked::of(m)?;
-    let mut sayer = Sayer::new(mode, asked.frames.len());
+    let mut sayer = Sayer::new(mode, if asked.estimate { sample(asked.frames.len()).len() } else { asked.frames.len() });
     for line in &asked.said {
         sayer.line(line)?;
     }
@@ -167,21 +167,20 @@ impl Run<'_> {
         let output = Output::check(path, PICTURES).map_err(|f| (f, false))?;
         let volume = self.session.volume_hash(scene, paid).map_err(own)?;
         let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(own)?;
-        if self.asked.skip && is_whole(path, &hash) {
+        let animation = self.asked.scene.animation.as_ref();
+        let mut meta = vec![
+            ("frame".to_owned(), self.asked.frames[place].to_string()),
+            ("rate".to_owned(), animation.map_or(24.0, |a| a.rate).to_string()),
+            ("scene_hash".to_owned(), hash),
+        ];
+        if self.asked.skip && is_whole(path, &meta) {
             return Ok(false);
         }
         let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(|f| {
             let (f, own) = own(f);
             (f, own && !self.session.store().is_some_and(|s| s.broken))
         })?;
-        let animation = self.asked.scene.animation.as_ref();
-        let mut meta = vec![
-            ("scene".to_owned(), self.asked.header_text(scene)),
-            ("frame".to_owned(), self.asked.frames[place].to_string()),
-            ("rate".to_owned(), animation.map_or(24.0, |a| a.rate).to_string()),
-            ("scene_hash".to_owned(), hash),
-            ("volume_hash".to_owned(), volume),
-        ];
+        meta.extend([("scene".to_owned(), self.asked.header_text(scene)), ("volume_hash".to_owned(), volume)]);
         if let Some(engine) = self.session.engine() {
             meta.push(("device".into(), format!("{}; {}", engine.device().name, engine.device().driver)));
         }
@@ -247,7 +246,7 @@ fn sample(count: usize) -> Vec<usize> {
     places
 }
 
-/// Whether a file is there, of this scene, and decodes to its end.
-fn is_whole(path: &Path, hash: &str) -> bool {
-    path.is_file() && io::whole_picture(path, &|meta| meta.iter().any(|(k, v)| k == "scene_hash" && v == hash)).unwrap_or(false)
+/// Whether a file is there, says all of `meta`, and decodes to its end.
+fn is_whole(path: &Path, meta: &[(String, String)]) -> bool {
+    path.is_file() && io::whole_picture(path, &|said| meta.iter().all(|m| said.contains(m))).unwrap_or(false)
 }
