@@ -2,68 +2,9 @@
 #![cfg(feature = "cli")]
 
 mod common;
-use common::*;
-use std::collections::BTreeMap;
-use std::path::Path;
+use common::run;
+use common::sequence::*;
 use std::process::{Command, Stdio};
-
-/// A folder with a small volume and a scene whose light turns, whose surface of view moves and whose matter fades.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut bytes = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 24 20 16\nencoding: raw\n\n".to_vec();
-    let sphere = |x: i32, y: i32, z: i32| 255 - 14 * (((x - 12).pow(2) + (y - 10).pow(2) + (z - 8).pow(2)) as f32).sqrt() as i32;
-    for i in 0..24 * 20 * 16 {
-        bytes.push(sphere(i % 24, i / 24 % 20, i / 480).clamp(0, 255) as u8);
-    }
-    std::fs::write(folder.path().join("v.nrrd"), bytes).expect("a volume");
-    std::fs::write(folder.path().join("s.toml"), SCENE).expect("a scene");
-    folder
-}
-
-const SCENE: &str = r#"
-[volume]
-file = "v.nrrd"
-[visibility]
-method = "sweep"
-directions = 32
-[image]
-width = 32
-height = 24
-background = [0.2, 0.1, 0]
-[light]
-constant = [1, 0.9, 0.8]
-[animation]
-frames = 8
-[[animation.keyframe]]
-frame = 1
-camera.orbit = [0, 0, 1, 0]
-light.scale = 1
-ease = "smooth"
-[[animation.keyframe]]
-frame = 9
-camera.orbit = [0, 0, 1, 360]
-light.scale = 2
-[[animation.keyframe]]
-frame = 3
-ease = "hold"
-transfer.points = [[60, 1, 0.5, 0.2, 0], [200, 1, 0.9, 0.2, 0.4]]
-[[animation.keyframe]]
-frame = 6
-transfer.points = [[60, 0.2, 0.5, 1, 0], [200, 0.2, 0.9, 1, 0.2]]
-"#;
-
-/// The files of a folder inside `folder`, by name.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = std::fs::read_dir(folder).expect("a folder");
-    entries
-        .map(|e| e.expect("an entry"))
-        .map(|e| (e.file_name().into_string().expect("a name"), std::fs::read(e.path()).expect("a file")))
-        .collect()
-}
-
-fn frames(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
-    run(folder, &[&["frames", "s.toml"], arguments].concat())
-}
 
 #[test]
 fn frames_have_the_same_bits_in_any_chunks_and_from_any_folder() {
@@ -93,29 +34,6 @@ fn frames_have_the_same_bits_in_any_chunks_and_from_any_folder() {
 }
 
 #[test]
-fn each_frame_pays_for_what_changed_and_says_so() {
-    let here = folder();
-    let (code, out, err) = frames(here.path(), &["-o", "f.##.png"]);
-    assert_eq!(code, 0, "{err}");
-    let line = |n: usize| out.lines().find(|l| l.starts_with(&format!("frame {n:>4} "))).expect("a line").to_owned();
-    assert!(line(1).contains("read") && line(1).contains("upload") && line(1).contains("visibility"), "{out}");
-    assert!(!line(2).contains("visibility") && line(2).contains("relight") && !line(2).contains("read"), "{out}");
-    assert!(line(6).contains("classify") && line(6).contains("visibility"), "{out}");
-    assert!(!line(7).contains("classify"), "{out}");
-    assert!(out.contains("frames     8 written in") && out.contains("stages     read") && out.contains("said beforehand"), "{out}");
-    assert!(out.contains("estimate: ") && out.contains("estimate   was"), "{out}");
-    // For programs: one object with each frame's stages.
-    let (code, out, _) = frames(here.path(), &["-o", "f.##.png", "--frames", "1-2", "--json"]);
-    let object: serde_json::Value = serde_json::from_str(&out).expect("JSON");
-    assert_eq!((code, object["written"].as_u64()), (0, Some(2)));
-    assert!(object["frames"][0]["stages"]["visibility"].is_f64() && object["frames"][1]["stages"]["visibility"].is_null());
-    // And line by line.
-    let (_, out, _) = frames(here.path(), &["-o", "f.##.png", "--frames", "1-2", "--progress", "json"]);
-    let first: serde_json::Value = serde_json::from_str(out.lines().next().expect("a line")).expect("JSON");
-    assert_eq!((first["frame"].as_i64(), first["done"].as_f64()), (Some(1), Some(0.5)));
-}
-
-#[test]
 fn whole_files_of_this_scene_are_kept_and_all_others_made_again() {
     let here = folder();
     for kind in ["png", "exr"] {
@@ -132,6 +50,14 @@ fn whole_files_of_this_scene_are_kept_and_all_others_made_again() {
         assert_eq!(code, 0);
         assert!(said.contains("2 written") && said.contains("2 were whole already"), "{said}");
         assert!(files(&here.path().join("o")) == before, "{kind}");
+        // The same scene under the number of another frame, and at another rate.
+        let hold = ["--animation.keyframe", "[{ frame = 1, light.scale = 1 }]", "--transfer.points", "[[60, 1,1,1, 0], [200, 1,1,1, 0.4]]"];
+        let held = |more: &[&str]| frames(here.path(), &[&["-o", &out, "--frames", "1-2", "--skip-existing"], &hold[..], more].concat()).1;
+        held(&[]);
+        assert!(held(&[]).contains("2 were whole already"));
+        std::fs::copy(at(1), at(2)).expect("copied");
+        assert!(held(&[]).contains("1 written"));
+        assert!(held(&["--animation.rate", "12"]).contains("2 written"));
         // Another setting, another sample of the volume: nothing is kept.
         let (_, said, _) =
             frames(here.path(), &["-o", &out, "--frames", "1-2", "--skip-existing", "--light.scale", "1.5", "--image.step", "0.9"]);
@@ -272,52 +198,39 @@ fn a_field_from_a_file_gives_the_same_bits_and_is_checked() {
 }
 
 #[test]
-fn a_preview_and_an_estimate_say_what_they_are() {
+fn each_kind_of_progress_is_what_its_listener_expects() {
     let here = folder();
-    let (code, out, _) =
-        frames(here.path(), &["-o", "q/f.#.png", "--quick", "--image.width", "640", "--image.height", "480", "--frames", "1"]);
-    assert!(code == 0 && out.contains("preview: 320x240 pixels, a field at 1:8 swept in 32 directions"), "{out}");
-    let picture = halflight::io::read_picture_png(&here.path().join("q/f.1.png")).expect("a picture");
-    assert_eq!((picture.width, picture.height), (320, 240));
-    let (code, out, err) = frames(here.path(), &["-o", "e/f.#.png", "--estimate"]);
-    assert_eq!(code, 0, "{err}");
-    assert!(out.contains("estimate: ") && out.contains("for 8 frames, ") && out.contains("of device memory"), "{out}");
-    assert_eq!(files(&here.path().join("e")).len(), 4);
-}
-
-#[test]
-fn open_job_description_runs_the_template_in_chunks() {
-    let program = std::env::var_os("OPENJD").map_or("openjd".into(), std::path::PathBuf::from);
-    if !Command::new(&program).arg("--version").output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: `openjd` is not installed (pip install openjd-cli; or name it in OPENJD)");
-        return;
-    }
-    let here = folder();
-    let (code, ..) = frames(here.path(), &["-o", "whole/f.####.exr"]);
-    assert_eq!(code, 0);
-    let template = concat!(env!("CARGO_MANIFEST_DIR"), "/farm/halflight.openjd.yaml");
-    let at = |name: &str| here.path().join(name).display().to_string();
-    let job = |scene: &str, out: &str| {
-        let parameters = [
-            format!("Scene={scene}"),
-            format!("Output={}", at(out)),
-            "Frames=1-8".into(),
-            "ChunkSize=3".into(),
-            format!("Halflight={}", env!("CARGO_BIN_EXE_halflight")),
-        ];
-        let mut command = Command::new(&program);
-        command.args(["run", template, "--step", "Frames"]);
-        for p in &parameters {
-            command.args(["-p", p]);
-        }
-        let done = command.current_dir(here.path()).output().expect("openjd");
-        (done.status.success(), String::from_utf8_lossy(&done.stdout).into_owned() + &String::from_utf8_lossy(&done.stderr))
+    let of = |how: &[&str]| {
+        let (code, out, err) = frames(here.path(), &[&["-o", "f.#.png", "--frames", "1-3"], how].concat());
+        assert!(code == 0 && err.is_empty(), "{how:?}: {code} {err}");
+        out
     };
-    let (good, log) = job(&at("s.toml"), "farm/f.####.exr");
-    assert!(good, "{log}");
-    assert!(log.contains("openjd_progress: 100.0") && log.contains("openjd_status: frame "), "{log}");
-    assert!(files(&here.path().join("farm")) == files(&here.path().join("whole")));
-    // What fails, fails the job.
-    let (good, log) = job(&at("none.toml"), "farm/f.####.exr");
-    assert!(!good && log.contains("openjd_fail: ") && log.contains("no such file"), "{log}");
+    let lines = of(&["--progress", "lines"]);
+    assert_eq!(lines.lines().filter(|l| l.starts_with("frame ")).count(), 3);
+    // Nobody sees a bar here.
+    let kinds = |out: &str| out.lines().map(|l| l.split_whitespace().next().unwrap_or_default().to_owned()).collect::<Vec<_>>();
+    assert_eq!(kinds(&of(&["--progress", "auto"])), kinds(&lines));
+    assert_eq!(kinds(&of(&["--progress", "tty"])), kinds(&lines));
+    let none = of(&["--progress", "none"]);
+    assert!(none.starts_with("frames     3 written") && !none.contains("frame  "), "{none}");
+    let openjd = of(&["--progress", "openjd"]);
+    let after = |key: &str| openjd.lines().filter_map(|l| l.strip_prefix(key)).collect::<Vec<_>>();
+    assert_eq!(after("openjd_status: "), ["frame 1, 1 of 3", "frame 2, 2 of 3", "frame 3, 3 of 3"]);
+    assert_eq!(after("openjd_progress: "), ["33.3", "66.7", "100.0"]);
+    // JSON to the last line, also of a run that fails; one object and nothing else with --json.
+    let object = |line: &str| serde_json::from_str::<serde_json::Value>(line).expect("JSON");
+    let out = of(&["--progress", "json"]);
+    let objects: Vec<_> = out.lines().map(object).collect();
+    assert_eq!(objects.iter().filter(|o| o["frame"].is_i64()).count(), 3);
+    assert_eq!(objects.last().expect("an end")["written"], 3);
+    std::fs::write(here.path().join("t.toml"), "[volume]\nfile = \"none.nrrd\"\n[animation]\nframes = 2\n").expect("a scene");
+    let (code, out, err) = run(here.path(), &["frames", "t.toml", "-o", "f.#.png", "--progress", "json"]);
+    let objects: Vec<_> = out.lines().map(object).collect();
+    assert!(code == 3 && err.contains("none.nrrd") && objects.len() == 3, "{out}");
+    assert!(objects[0]["error"].is_string() && objects[2]["code"] == 3 && objects[2]["failed"].as_array().is_some_and(|f| f.len() == 2));
+    assert_eq!(of(&["--json", "--progress", "none"]).lines().count(), 1);
+    for how in ["lines", "json", "tty", "openjd"] {
+        let (code, _, err) = frames(here.path(), &["-o", "f.#.png", "--json", "--progress", how]);
+        assert!(code == 2 && err.contains("--json prints one object at the end"), "{err}");
+    }
 }

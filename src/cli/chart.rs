@@ -1,7 +1,7 @@
 //! `chart`: speed against accuracy of every estimator on one's own scenes, as a folder of charts and tables.
 
 use super::Context;
-use super::args::{OF_CHART, check_used, overrides};
+use super::args_keys::{OF_CHART, check_used, overrides};
 use super::fail::Failure;
 use super::load;
 use super::output::Folder;

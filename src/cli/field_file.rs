@@ -6,7 +6,7 @@ use halflight::engine::{Engine, Field};
 use halflight::error::{Error, shown};
 use halflight::io::{self, ReadOptions};
 use halflight::measure::Report;
-use halflight::scene::{Matter, Scene, Visibility, Volume};
+use halflight::scene::{Grid, Matter, Scene, Visibility, Volume};
 use std::path::Path;
 
 /// What a field is of.
@@ -22,8 +22,9 @@ impl Keys {
     }
 
     /// The lines of a field's header.
-    pub fn meta(&self) -> [(String, String); 2] {
-        [("volume_hash".into(), self.volume.clone()), ("matter_hash".into(), self.matter.clone())]
+    pub fn meta(&self, coefficients: &[f32]) -> [(String, String); 3] {
+        let data = fingerprint::coefficients(coefficients);
+        [("volume_hash".into(), self.volume.clone()), ("matter_hash".into(), self.matter.clone()), ("data_hash".into(), data)]
     }
 }
 
@@ -33,16 +34,39 @@ pub struct Loaded {
     pub meta: Vec<(String, String)>,
 }
 
+/// Writes a field with what it is of, and a hash of its coefficients.
+pub fn write(
+    engine: &Engine,
+    path: &Path,
+    field: &Field,
+    grid: &Grid,
+    keys: &Keys,
+    mut meta: Vec<(String, String)>,
+) -> Result<(), Failure> {
+    let data = engine.read_field(field)?;
+    meta.extend(keys.meta(&data));
+    io::write_nrrd_field(path, field.dims(), field.settings().coefficients(), &data, grid, &meta)?;
+    Ok(())
+}
+
 /// Reads a field of `scene`'s volume and matter, or says what it is not of. Where the scene asks for a tolerance, the file's
-/// own settings count.
-pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: &Keys) -> Result<Loaded, Failure> {
+/// own settings count. A file in a folder of fields must be the one that it was `named` for.
+pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: &Keys, named: Option<&str>) -> Result<Loaded, Failure> {
     let bad = |what: &str, right: &str| Failure::from(Error::Format { path: path.to_owned(), what: what.into(), right: right.into() });
     let file = io::read_nrrd_field(path, &ReadOptions::default())?;
     let of = |key: &str| file.meta.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str());
-    let again = "compute it anew with halflight precompute, or drop --field";
-    let (Some(of_volume), Some(of_matter), Some(text)) = (of("volume_hash"), of("matter_hash"), of("scene")) else {
+    let again = match named {
+        None => "compute it anew with halflight precompute, or drop --field",
+        Some(_) => "it is computed anew",
+    };
+    let (Some(of_volume), Some(of_matter), Some(of_data), Some(text)) =
+        (of("volume_hash"), of("matter_hash"), of("data_hash"), of("scene"))
+    else {
         return Err(bad("it does not say what it was computed from", again));
     };
+    if of_data != fingerprint::coefficients(&file.data) {
+        return Err(bad("its coefficients are not those that were written: it is damaged", again));
+    }
     if of_volume != keys.volume {
         return Err(bad("it was computed from another volume", again));
     }
@@ -53,6 +77,9 @@ pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: 
     if scene.wanted.is_none() && settled(&made.visibility) != settled(&scene.visibility) {
         return Err(bad("it was computed with other [visibility] settings", again));
     }
+    if named.is_some_and(|name| of("field_key") != Some(name)) {
+        return Err(bad("it was computed on another device or by another version", again));
+    }
     let mut settings = made.visibility;
     // What was dropped for a light is not there, whatever the text says.
     settings.bands = (file.coefficients as f64).sqrt() as u32;
@@ -62,7 +89,7 @@ pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: 
 }
 
 /// Settings without those of other methods.
-fn settled(v: &Visibility) -> Visibility {
+pub fn settled(v: &Visibility) -> Visibility {
     use halflight::scene::visibility::Method;
     let d = Visibility::default();
     let mut out = v.clone();

@@ -55,6 +55,18 @@ pub fn matter(matter: &Matter, scene: &Scene, volume: &Volume) -> String {
     hex(&hasher)
 }
 
+/// The numbers of a field.
+pub fn coefficients(data: &[f32]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    numbers(&mut hasher, data, f32::to_le_bytes);
+    hex(&hasher)
+}
+
+/// Words.
+pub fn text(text: &str) -> String {
+    hex(blake3::Hasher::new().update(text.as_bytes()))
+}
+
 /// A frame: its scene with the contents of its files in place of their names, and how its file is written.
 pub fn frame(scene: &Scene, volume: &str, files: &mut Files, written: &str) -> Result<String, Failure> {
     let mut scene = scene.clone();

@@ -1,7 +1,7 @@
 //! `info`: what a file holds.
 
 use super::Context;
-use super::args::{OF_VOLUME, check_used, overrides};
+use super::args_keys::{OF_VOLUME, check_used, overrides};
 use super::fail::Failure;
 use super::load;
 use super::path_of;

@@ -1,7 +1,7 @@
 //! `light`: a probe as spherical harmonics.
 
 use super::Context;
-use super::args::{OF_LIGHT, check_used, overrides};
+use super::args_keys::{OF_LIGHT, check_used, overrides};
 use super::fail::Failure;
 use super::output::{Output, PICTURES};
 use super::path_of;

@@ -1,15 +1,15 @@
 //! The `halflight` command: reads the command line, calls the engine, says what was done.
 
 mod args;
+mod args_keys;
+mod args_values;
 mod chart;
 mod compare;
 mod demo;
 mod fail;
 mod field_file;
 mod fingerprint;
-mod forecast;
 mod frames;
-mod frames_says;
 mod info;
 mod layers;
 mod light;
@@ -21,7 +21,6 @@ mod progress;
 mod reference;
 mod render;
 mod report;
-mod session;
 mod transfer;
 
 use clap::ArgMatches;

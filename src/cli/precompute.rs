@@ -1,7 +1,7 @@
 //! `precompute`: a scene's visibility field as a file, and how wrong it is.
 
 use super::Context;
-use super::args::OF_FIELD;
+use super::args_keys::OF_FIELD;
 use super::fail::Failure;
 use super::field_file::Keys;
 use super::load;
@@ -37,7 +37,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let mut meta = header(&scene, &engine, &spans);
-    meta.extend(Keys::of(&scene, &loaded.volume, &loaded.matter).meta());
+    meta.extend(Keys::of(&scene, &loaded.volume, &loaded.matter).meta(&data));
     if let Some(seconds) = budget {
         let known = !spans.is_empty() && spans.iter().all(|s: &Span| s.timed);
         let budget = Budget { seconds, field_seconds: known.then(|| spans.iter().map(|s| s.seconds).sum()) };

@@ -1,7 +1,7 @@
 //! `render --reference`: the picture without a visibility field, and how sure it is.
 
 use super::Context;
-use super::args::OF_REFERENCE;
+use super::args_keys::OF_REFERENCE;
 use super::fail::Failure;
 use super::load;
 use super::output::{Kind, PICTURES};

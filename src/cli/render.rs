@@ -1,7 +1,7 @@
 //! `render`, and what `precompute` shares with it: the straight line from a scene to a file.
 
 use super::Context;
-use super::args::{OF_REFERENCE, OF_SCENE, check_used, overrides};
+use super::args_keys::{OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::field_file;
 use super::load::{self, Loaded};
@@ -137,7 +137,7 @@ pub fn visibility(
     let medium = engine.classify_clipped(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
     if let Some(path) = given {
         let keys = field_file::Keys::of(scene, volume, &loaded.matter);
-        let field = field_file::read(engine, path, volume, scene, &keys)?.field;
+        let field = field_file::read(engine, path, volume, scene, &keys, None)?.field;
         (scene.visibility, scene.wanted) = (field.settings().clone(), None);
         report.line("field", format!("{}, {} packed", path.display(), bytes(field.bytes())));
         return Ok((medium, field));

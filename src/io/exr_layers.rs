@@ -63,7 +63,7 @@ pub fn write_exr_layers(path: &Path, picture: &Picture, more: &[ExrChannel], opt
         });
     }
     let samples = |values: &mut dyn Iterator<Item = f32>, full: bool| match options.half && !full {
-        true => FlatSamples::F16(values.map(f16::from_f32).collect()),
+        true => FlatSamples::F16(values.map(half).collect()),
         false => FlatSamples::F32(values.collect()),
     };
     let mut list: SmallVec<[AnyChannel<FlatSamples>; 4]> = SmallVec::new();
@@ -87,6 +87,12 @@ pub fn write_exr_layers(path: &Path, picture: &Picture, more: &[ExrChannel], opt
     let mut bytes = file.into_inner();
     sort_attributes(&mut bytes);
     write_aside(path, |out| out.write_all(&bytes).map_err(|source| Error::Io { path: path.to_owned(), action: "write", source }))
+}
+
+/// Rounded to half; what is finite stays so: an infinite pixel would spoil every blur that meets it.
+fn half(v: f32) -> f16 {
+    let half = f16::from_f32(v);
+    if half.is_infinite() && v.is_finite() { f16::MAX.copysign(half) } else { half }
 }
 
 /// Brings the header's attributes into the order of their names: the writer hashes them, and the same picture must be the
@@ -140,4 +146,29 @@ pub fn whole_picture(path: &Path, wanted: &MetaFilter) -> Result<bool> {
     let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes().pedantic().non_parallel();
     image.from_buffered(file).map_err(|e| trouble(path, "read", e))?;
     Ok(true)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_finite_stays_so_in_half() {
+        assert_eq!((half(1e9), half(-70000.0), half(65504.0)), (f16::MAX, -f16::MAX, f16::MAX));
+        assert_eq!((half(0.5).to_f32(), half(f32::INFINITY)), (0.5, f16::INFINITY));
+        // A file, as others read it: the sun is the largest half, the depth of nothing is infinite.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sun.exr");
+        let picture = Picture { width: 2, height: 1, rgba: vec![[1e6, 1.0, 0.0, 1.0], [0.25, 0.0, 0.0, 0.0]] };
+        let depth = ExrChannel { name: "depth.Z".into(), values: vec![2.5, f32::INFINITY], full: true };
+        write_exr_layers(&path, &picture, &[depth], ExrOptions { half: true, ..ExrOptions::default() }, &[]).unwrap();
+        let image =
+            read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes().from_file(&path).unwrap();
+        let values = |name: &str| {
+            let channel = image.layer_data.channel_data.list.iter().find(|c| c.name.eq(name)).unwrap();
+            channel.sample_data.values_as_f32().collect::<Vec<_>>()
+        };
+        assert_eq!((values("R"), values("depth.Z")), (vec![65504.0, 0.25], vec![2.5, f32::INFINITY]));
+    }
 }

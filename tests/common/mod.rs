@@ -1,6 +1,9 @@
 //! What the tests of the device share.
 #![allow(dead_code)]
 
+#[cfg(feature = "cli")]
+pub mod sequence;
+
 use halflight::engine::{DeviceVolume, Engine, Medium, Options};
 use halflight::scene::transfer::{Kind, Reference};
 use halflight::scene::{Grid, Matter, Surface, Transfer, Volume};

@@ -1,23 +1,36 @@
 //! Frames one after the other: what does not change between them is not computed again. A frame's bits depend on its scene
 //! alone: whatever is kept is what would have been computed.
 
-use super::fail::Failure;
-use super::fingerprint;
-use super::layers::{Layers, Written};
-use super::load;
-use super::progress::Progress;
-use super::{Context, field_file};
+use super::store::{Of, Store};
+use crate::cli::fail::Failure;
+use crate::cli::fingerprint;
+use crate::cli::layers::{Layers, Written};
+use crate::cli::load;
+use crate::cli::progress::Progress;
+use crate::cli::{Context, field_file};
 use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium};
 use halflight::scene::scene::{LightSource, TransferSource, VolumeSettings};
+use halflight::scene::visibility::{Method, Sampling};
 use halflight::scene::{Camera, Clip, Light, Matter, Probe, Scene, Visibility, Volume};
 use halflight::stages::aov;
+use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Instant;
 
 /// The stages that a frame may pay for, in order.
-pub const STAGES: [&str; 8] = ["read", "upload", "classify", "visibility", "relight", "render", "layers", "write"];
+pub const STAGES: [&str; 9] = ["read", "upload", "classify", "fields", "visibility", "relight", "render", "layers", "write"];
+const READ: usize = 0;
+const UPLOAD: usize = 1;
+const CLASSIFY: usize = 2;
+/// Fields read from a folder, written to it, waited for.
+pub const FIELDS: usize = 3;
+pub const VISIBILITY: usize = 4;
+const RELIGHT: usize = 5;
+pub const RENDER: usize = 6;
+const LAYERS: usize = 7;
+pub const WRITE: usize = 8;
 
 /// Wall seconds of each of [`STAGES`] that a frame paid for.
 #[derive(Clone, Copy, Debug, Default)]
@@ -74,11 +87,15 @@ pub struct Session<'a> {
     context: &'a Context,
     /// A field file in place of computing one.
     given: Option<PathBuf>,
+    /// Where fields are kept beyond this run.
+    store: Option<Store>,
     /// Keep nothing.
     fresh: bool,
     engine: Option<Engine>,
     probe: Option<(PathBuf, Probe, Light)>,
     read: Option<Read>,
+    /// Hashes of the volumes seen so far, by file: of a frame nothing else of its volume changes.
+    hashes: HashMap<PathBuf, String>,
     on_device: Option<DeviceVolume>,
     classified: Option<Classified>,
     computed: Option<Computed>,
@@ -93,14 +110,16 @@ pub struct Session<'a> {
 pub type Going<'a> = &'a dyn Fn() -> bool;
 
 impl<'a> Session<'a> {
-    pub fn new(context: &'a Context, given: Option<PathBuf>, fresh: bool) -> Self {
+    pub fn new(context: &'a Context, given: Option<PathBuf>, store: Option<Store>, fresh: bool) -> Self {
         Self {
             context,
             given,
+            store,
             fresh,
             engine: None,
             probe: None,
             read: None,
+            hashes: HashMap::new(),
             on_device: None,
             classified: None,
             computed: None,
@@ -115,12 +134,26 @@ impl<'a> Session<'a> {
         self.engine.as_ref()
     }
 
+    /// The folder of fields.
+    pub fn store(&self) -> Option<&Store> {
+        self.store.as_ref()
+    }
+
+    /// What the scene's volume holds; it is read if this is not known.
+    pub fn volume_hash(&mut self, scene: &Scene, paid: &mut Paid) -> Result<String, Failure> {
+        match self.hashes.get(&scene.volume.file) {
+            Some(hash) => Ok(hash.clone()),
+            None => Ok(self.volume(scene, paid)?.1),
+        }
+    }
+
     /// The scene's volume and its hash, read if it is another than the one before.
-    pub fn volume(&mut self, scene: &Scene, paid: &mut Paid) -> Result<(Rc<Volume>, String), Failure> {
+    fn volume(&mut self, scene: &Scene, paid: &mut Paid) -> Result<(Rc<Volume>, String), Failure> {
         if self.read.as_ref().is_none_or(|r| r.settings != scene.volume) {
             (self.lit, self.computed, self.classified, self.on_device, self.read) = (None, None, None, None, None);
-            let volume = paid.time(0, || load::volume(scene, &Progress::silent()))?;
-            let hash = paid.time(0, || fingerprint::volume(&volume));
+            let volume = paid.time(READ, || load::volume(scene, &Progress::silent()))?;
+            let hash = paid.time(READ, || fingerprint::volume(&volume));
+            self.hashes.insert(scene.volume.file.clone(), hash.clone());
             self.read = Some(Read { settings: scene.volume.clone(), volume: Rc::new(volume), hash });
         }
         let read = self.read.as_ref().ok_or_else(lost)?;
@@ -130,7 +163,7 @@ impl<'a> Session<'a> {
     fn light(&mut self, scene: &Scene, paid: &mut Paid) -> Result<Light, Failure> {
         if let LightSource::Probe(path) = &scene.light.source {
             if self.probe.as_ref().is_none_or(|(known, ..)| known != path) {
-                let (probe, light) = paid.time(0, || load::probe(path))?;
+                let (probe, light) = paid.time(READ, || load::probe(path))?;
                 self.probe = Some((path.clone(), probe, light));
             }
         } else {
@@ -153,20 +186,20 @@ impl<'a> Session<'a> {
         let (volume, volume_hash) = self.volume(scene, paid)?;
         let blame = |e| Failure::from(scene.origins.blame(e));
         if self.engine.is_none() {
-            self.engine = Some(paid.time(1, || self.context.engine())?);
+            self.engine = Some(paid.time(UPLOAD, || self.context.engine())?);
         }
         let engine = self.engine.as_ref().ok_or_else(lost)?;
         if self.on_device.is_none() {
-            self.on_device = Some(paid.time(1, || engine.upload(&volume))?);
+            self.on_device = Some(paid.time(UPLOAD, || engine.upload(&volume))?);
         }
         let on_device = self.on_device.as_ref().ok_or_else(lost)?;
         let same = |c: &Classified| c.transfer == scene.transfer && c.matter.surface == scene.surface && c.clip == scene.clip;
         if !self.classified.as_ref().is_some_and(same) {
-            let matter = paid.time(2, || load::matter(scene, &volume))?;
+            let matter = paid.time(CLASSIFY, || load::matter(scene, &volume))?;
             let hash = fingerprint::matter(&matter, scene, &volume);
             // A field of the same hash is a field of this medium; what is lit by it is not drawn with the medium's colours.
             self.classified = None;
-            let medium = paid.time(2, || engine.classify_clipped(on_device, &matter, &scene.clip)).map_err(blame)?;
+            let medium = paid.time(CLASSIFY, || engine.classify_clipped(on_device, &matter, &scene.clip)).map_err(blame)?;
             self.classified = Some(Classified { transfer: scene.transfer.clone(), matter, clip: scene.clip.clone(), medium, hash });
         }
         let classified = self.classified.as_ref().ok_or_else(lost)?;
@@ -178,39 +211,51 @@ impl<'a> Session<'a> {
             |c: &Computed| c.volume == volume_hash && c.matter == classified.hash && (c.settings == settings || self.given.is_some());
         if !self.computed.as_ref().is_some_and(kept) {
             (self.lit, self.computed) = (None, None);
-            let field = match &self.given {
-                Some(path) => {
-                    let keys = field_file::Keys { volume: volume_hash.clone(), matter: classified.hash.clone() };
-                    let loaded = paid.time(0, || field_file::read(engine, path, &volume, scene, &keys))?;
+            let pixels = (scene.image.width, scene.image.height);
+            // Layers hold more a pixel while they are gathered.
+            let layers = if written.behind() { aov::BYTES * ((pixels.0 * pixels.1) as u64).min(aov::MOST) } else { 0 };
+            let keys = field_file::Keys { volume: volume_hash.clone(), matter: classified.hash.clone() };
+            let mut need = None;
+            let made = match (&self.given, &mut self.store) {
+                (Some(path), _) => {
+                    let loaded = paid.time(READ, || field_file::read(engine, path, &volume, scene, &keys, None))?;
                     self.field_meta = loaded.meta;
-                    loaded.field
+                    Ok(loaded.field)
                 }
-                None => {
-                    let pixels = Some((scene.image.width, scene.image.height));
-                    let need = engine.admit(&classified.medium, &settings, pixels).map_err(blame)?;
-                    // Layers hold more a pixel while they are gathered.
-                    let pixels = (scene.image.width * scene.image.height) as u64;
-                    let layers = if written.behind() { aov::BYTES * pixels.min(aov::MOST) } else { 0 };
-                    self.estimate = self.estimate.max(need.peak() + layers);
-                    paid.time(3, || engine.precompute(&classified.medium, &settings, &mut job(going))).map_err(blame)?
+                (None, None) => {
+                    need = Some(engine.admit(&classified.medium, &settings, Some(pixels)).map_err(blame)?);
+                    paid.time(VISIBILITY, || engine.precompute(&classified.medium, &settings, &mut job(going))).map_err(blame)
+                }
+                (None, Some(store)) => {
+                    let of =
+                        Of { engine, volume: &volume, scene: Scene { visibility: settings.clone(), wanted: None, ..scene.clone() }, keys };
+                    store.field(&of, going, paid, || {
+                        need = Some(engine.admit(&classified.medium, &settings, Some(pixels)).map_err(blame)?);
+                        engine.precompute(&classified.medium, &settings, &mut job(going)).map_err(blame)
+                    })
                 }
             };
+            if let (None, Ok(field)) = (need, &made) {
+                need = Some(engine.need(&classified.medium, &loading(field.settings()), Some(pixels)).map_err(blame)?);
+            }
+            self.estimate = self.estimate.max(need.map_or(0, |n| n.peak() + layers));
+            let field = made?;
             self.computed = Some(Computed { volume: volume_hash, matter: classified.hash.clone(), settings, field });
         }
         let computed = self.computed.as_ref().ok_or_else(lost)?;
         if !self.lit.as_ref().is_some_and(|(l, _)| *l == light) {
             self.lit = None;
-            self.lit = Some((light, paid.time(4, || engine.relight(&computed.field, &light))?));
+            self.lit = Some((light, paid.time(RELIGHT, || engine.relight(&computed.field, &light))?));
         }
         let (_, lit) = self.lit.as_ref().ok_or_else(lost)?;
         let aspect = scene.image.width as f64 / scene.image.height as f64;
         let camera = Camera::from_settings(&scene.camera, volume.grid(), aspect).map_err(blame)?;
         let medium = &classified.medium;
         let (mut picture, hits) =
-            paid.time(5, || engine.render_with_distance(medium, lit, &camera, &scene.image, &mut job(going))).map_err(blame)?;
+            paid.time(RENDER, || engine.render_with_distance(medium, lit, &camera, &scene.image, &mut job(going))).map_err(blame)?;
         let mut behind = Vec::new();
         if written.behind() {
-            behind = paid.time(6, || engine.aovs(medium, lit, &camera, &scene.image, &hits, &mut job(going))).map_err(blame)?;
+            behind = paid.time(LAYERS, || engine.aovs(medium, lit, &camera, &scene.image, &hits, &mut job(going))).map_err(blame)?;
             if let Some(albedo) = classified.matter.surface_albedo() {
                 // A surface's picture is the product of the two.
                 for (b, p) in behind.iter_mut().zip(&picture.rgba).filter(|(b, _)| b.opacity > 0.0) {
@@ -220,13 +265,18 @@ impl<'a> Session<'a> {
             }
         }
         let probe = self.probe.as_ref().map(|p| &p.1);
-        super::render::lay_background(scene, volume.grid(), &camera, probe, &mut picture)?;
+        crate::cli::render::lay_background(scene, volume.grid(), &camera, probe, &mut picture)?;
         Ok(Layers { picture, behind })
     }
 }
 
 fn job(going: Going) -> impl FnMut(&'static str, f32) -> ControlFlow<()> {
     move |_, _| if going() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+}
+
+/// Settings whose field takes as much to make as this one does to bring back: a march of one direction.
+fn loading(v: &Visibility) -> Visibility {
+    Visibility { method: Method::March, sampling: Sampling::Stratified, directions: 1, ..v.clone() }
 }
 
 fn lost() -> Failure {

@@ -1,8 +1,8 @@
 //! What `frames` says while it works: a bar for people, lines for logs, what Open Job Description listens to, or JSON.
 
-use super::fail::Failure;
-use super::report::say;
 use super::session::{Paid, STAGES};
+use crate::cli::fail::Failure;
+use crate::cli::report::say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Map, json};
 use std::io::IsTerminal;
@@ -19,9 +19,15 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The mode of a word; `auto` is a bar where somebody sees it, and lines elsewhere.
-    pub fn of(word: &str, json: bool) -> Self {
-        match word {
+    /// The mode of a word; `auto` is a bar where somebody sees it, and lines elsewhere. `--json` leaves room for nothing else.
+    pub fn of(word: &str, json: bool) -> Result<Self, Failure> {
+        if json && !["auto", "none"].contains(&word) {
+            let right = "--progress json writes one object a frame, without --json";
+            return Err(Failure::usage(format!(
+                "--json prints one object at the end and nothing beside it; drop --progress {word} ({right})"
+            )));
+        }
+        Ok(match word {
             "tty" => Self::Tty,
             "lines" => Self::Lines,
             "openjd" => Self::OpenJd,
@@ -30,7 +36,7 @@ impl Mode {
             _ if json => Self::None,
             _ if std::io::stderr().is_terminal() => Self::Tty,
             _ => Self::Lines,
-        }
+        })
     }
 }
 
@@ -56,7 +62,7 @@ impl Sayer {
             if let Ok(style) = ProgressStyle::with_template("{msg:<12} [{bar:32}] {pos}/{len}  {eta} left") {
                 bar.set_style(style.progress_chars("=> "));
             }
-            super::progress::show_bar(Some(&bar));
+            crate::cli::progress::show_bar(Some(&bar));
             bar
         });
         Self { mode, count, done: 0, bar }
@@ -120,7 +126,7 @@ impl Sayer {
 impl Drop for Sayer {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
-            super::progress::show_bar(None);
+            crate::cli::progress::show_bar(None);
             bar.finish_and_clear();
         }
     }

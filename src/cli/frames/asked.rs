@@ -1,0 +1,145 @@
+//! What the command line of `frames` asks for.
+
+use super::store::Store;
+use crate::cli::args_keys::{OF_FRAMES, check_used, overrides};
+use crate::cli::fail::Failure;
+use crate::cli::layers::Written;
+use crate::cli::{load, path_of};
+use clap::ArgMatches;
+use halflight::error::shown;
+use halflight::io;
+use halflight::scene::frames::{Pattern, parse_frames};
+use halflight::scene::scene::{LightSource, TransferSource};
+use halflight::scene::visibility::{Method, Visibility};
+use halflight::scene::{Scene, scene_at};
+use std::path::{Path, PathBuf};
+
+/// Longest side of a preview, pixels.
+const QUICK_SIDE: usize = 320;
+
+/// What the command line asks for.
+pub struct Asked {
+    pub scene: Scene,
+    /// The scene's folder: files in it are named relative to it, wherever the command runs.
+    folder: PathBuf,
+    pub frames: Vec<i64>,
+    out: PathBuf,
+    pattern: Option<Pattern>,
+    pub written: Written,
+    pub field: Option<PathBuf>,
+    fields: Option<PathBuf>,
+    pub skip: bool,
+    pub fresh: bool,
+    quick: bool,
+    pub estimate: bool,
+    pub said: Vec<String>,
+}
+
+impl Asked {
+    pub fn of(m: &ArgMatches) -> Result<Self, Failure> {
+        let path = path_of(m, "scene")?;
+        let overrides = overrides(m).map_err(Failure::usage)?;
+        check_used(&overrides, OF_FRAMES, "frames").map_err(Failure::usage)?;
+        let scene = load::scene(path, &overrides)?;
+        let Some(animation) = &scene.animation else {
+            let right = "write [animation] with frames = N and [[animation.keyframe]] tables, or use halflight render";
+            return Err(Failure::usage(format!("{}: it has no [animation]; {right}", shown(path))));
+        };
+        let range = animation.range();
+        let frames = match m.get_one::<String>("frames") {
+            Some(text) => parse_frames(text).map_err(|e| Failure::usage(e.to_string()))?,
+            None => range.clone().collect(),
+        };
+        if let Some(frame) = frames.iter().find(|f| !range.contains(f)) {
+            return Err(Failure::usage(format!(
+                "frame {frame} lies outside the animation, which has {} to {}; change animation.frames or --frames",
+                range.start(),
+                range.end()
+            )));
+        }
+        let field = m.get_one::<PathBuf>("field").cloned();
+        if scene.wanted.is_some() && field.is_none() {
+            return Err(Failure::usage(
+                "a tolerance or quality picks settings by measuring time, and frames would differ from run to run; \
+                 write the settings that halflight precompute says it chose, or give its file as --field",
+            ));
+        }
+        let out = path_of(m, "out")?.to_owned();
+        let pattern = Pattern::find(&out);
+        if pattern.is_none() && frames.len() > 1 {
+            let right = "give the number a place, such as f.####.exr or f.%04d.exr";
+            return Err(Failure::usage(format!("{}: {} frames would all be written here; {right}", shown(&out), frames.len())));
+        }
+        let mut asked = Self {
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            written: Written::of(m, &out)?,
+            scene,
+            frames,
+            out,
+            pattern,
+            field,
+            fields: m.get_one::<PathBuf>("fields").cloned(),
+            skip: m.get_flag("skip-existing"),
+            fresh: m.get_flag("no-reuse"),
+            quick: m.get_flag("quick"),
+            estimate: m.get_flag("estimate"),
+            said: Vec::new(),
+        };
+        if asked.quick {
+            asked.quicken()?;
+        }
+        Ok(asked)
+    }
+
+    /// A preview: a smaller picture, a coarser field of fewer directions. Says so.
+    fn quicken(&mut self) -> Result<(), Failure> {
+        if self.field.is_some() {
+            return Err(Failure::usage("--quick computes its own field; drop --field"));
+        }
+        let image = &mut self.scene.image;
+        let long = image.width.max(image.height);
+        if long > QUICK_SIDE {
+            let side = |n: usize| (n * QUICK_SIDE / long).max(1);
+            (image.width, image.height) = (side(image.width), side(image.height));
+        }
+        let v = &self.scene.visibility;
+        self.scene.visibility =
+            Visibility { method: Method::Sweep, ratio: 8, directions: 32, near: 1, step: 2.0, sampling: Default::default(), ..v.clone() };
+        self.said.push(format!(
+            "preview: {}x{} pixels, a field at 1:8 swept in 32 directions; without --quick it is as the scene says",
+            image.width, image.height
+        ));
+        Ok(())
+    }
+
+    /// The folder of fields, made where it is missing.
+    pub fn store(&self) -> Result<Option<Store>, Failure> {
+        self.fields.as_deref().map(Store::open).transpose()
+    }
+
+    pub fn path(&self, frame: i64) -> PathBuf {
+        self.pattern.as_ref().map_or_else(|| self.out.clone(), |p| p.path(frame))
+    }
+
+    pub fn scene(&self, frame: i64) -> Scene {
+        scene_at(&self.scene, frame)
+    }
+
+    /// The scene as a header holds it: files in the scene's folder by their names in it.
+    pub fn header_text(&self, scene: &Scene) -> String {
+        let near = |path: &mut PathBuf| {
+            if let Ok(rest) = path.strip_prefix(&self.folder) {
+                *path = rest.to_owned();
+            }
+        };
+        let mut scene = scene.clone();
+        near(&mut scene.volume.file);
+        if let LightSource::Probe(path) = &mut scene.light.source {
+            near(path);
+        }
+        if let TransferSource::File { path, .. } = &mut scene.transfer {
+            near(path);
+        }
+        io::scene_text(&scene)
+    }
+}

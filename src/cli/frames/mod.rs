@@ -1,0 +1,252 @@
+//! `frames`: a scene's animation as numbered pictures, resumable, in any order and in any chunks with the same bits.
+
+mod asked;
+mod forecast;
+mod says;
+mod session;
+mod store;
+mod summary;
+
+use super::Context;
+use super::fail::Failure;
+use super::fingerprint::{self, Files};
+use super::layers::Layers;
+use super::output::{Folder, Output, PICTURES};
+use asked::Asked;
+use clap::ArgMatches;
+use forecast::{Forecast, needs};
+use halflight::error::bytes;
+use halflight::io;
+use halflight::scene::Scene;
+use says::{Mode, Outcome, Sayer, stages};
+use serde_json::json;
+use session::{Paid, STAGES, Session};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+use summary::{Tally, duration};
+
+/// Frames after which the cost of the rest is said: the first opens the device, the second may compile kernels anew.
+const MEASURED: usize = 4;
+
+/// `halflight frames SCENE -o 'out/f.####.exr' --frames 1-100x2`
+pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    let mode = Mode::of(m.get_one::<String>("progress").map_or("auto", String::as_str), context.json)?;
+    rendered(context, m, mode).inspect_err(|failure| {
+        if mode == Mode::OpenJd {
+            let _ = super::report::say(&format!("openjd_fail: {}", failure.sentence));
+        }
+    })
+}
+
+fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure> {
+    let signal = listen()?;
+    let asked = Asked::of(m)?;
+    let mut sayer = Sayer::new(mode, if asked.estimate { sample(asked.frames.len()).len() } else { asked.frames.len() });
+    for line in &asked.said {
+        sayer.line(line)?;
+    }
+    // Made in vain, it goes again.
+    let _folder = Folder::make(asked.path(asked.frames[0]).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
+    let mut run = Run {
+        asked: &asked,
+        session: Session::new(context, asked.field.clone(), asked.store()?, asked.fresh),
+        files: Files::default(),
+        scenes: asked.frames.iter().map(|&f| asked.scene(f)).collect(),
+        forecast: Forecast::default(),
+        told: None,
+        tally: Tally::default(),
+        start: Instant::now(),
+    };
+    let going = || signal.load(Ordering::Relaxed) == 0;
+    let ended = run.frames(&mut sayer, &going);
+    drop(sayer);
+    let caught = signal.load(Ordering::Relaxed);
+    let failure = match ended {
+        _ if caught != 0 => Some(Failure {
+            code: 128 + caught as u8,
+            sentence: format!(
+                "stopped by {}; finished frames are kept, --skip-existing goes on",
+                if caught == SIGINT as usize { "SIGINT" } else { "SIGTERM" }
+            ),
+        }),
+        Err(failure) => Some(failure),
+        Ok(()) => run.tally.failed.first().map(|(frame, f)| Failure {
+            code: f.code,
+            sentence: match run.tally.failed.len() {
+                1 => format!("frame {frame} failed: {}", f.sentence),
+                n => format!("{n} frames failed, the first of them {frame}: {}", f.sentence),
+            },
+        }),
+    };
+    run.summary(context, mode, failure.as_ref())?;
+    if let (Some(engine), None) = (run.session.engine(), &failure) {
+        context.verdict(engine)?;
+    }
+    failure.map_or(Ok(()), Err)
+}
+
+/// The signal that came, 0 for none. A second one ends the process at once.
+fn listen() -> Result<Arc<AtomicUsize>, Failure> {
+    let (signal, again) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
+    for number in [SIGINT, SIGTERM] {
+        let register = || {
+            signal_hook::flag::register_conditional_shutdown(number, 128 + number, again.clone())?;
+            signal_hook::flag::register(number, again.clone())?;
+            signal_hook::flag::register_usize(number, signal.clone(), number as usize)
+        };
+        register().map_err(|e| Failure { code: 1, sentence: format!("signals cannot be listened to: {e}") })?;
+    }
+    Ok(signal)
+}
+
+struct Run<'a> {
+    asked: &'a Asked,
+    session: Session<'a>,
+    files: Files,
+    scenes: Vec<Scene>,
+    forecast: Forecast,
+    /// What was said beforehand: seconds of all that was then left, and when.
+    told: Option<(f64, Instant, usize)>,
+    tally: Tally,
+    start: Instant,
+}
+
+impl Run<'_> {
+    /// Frame after frame. What is wrong with one frame's own files ends that frame; all else ends the run.
+    fn frames(&mut self, sayer: &mut Sayer, going: &dyn Fn() -> bool) -> Result<(), Failure> {
+        let order = if self.asked.estimate { sample(self.scenes.len()) } else { (0..self.scenes.len()).collect() };
+        for place in order {
+            if !going() {
+                return Ok(());
+            }
+            let (frame, path) = (self.asked.frames[place], self.asked.path(self.asked.frames[place]));
+            sayer.begins(frame)?;
+            let mut paid = Paid::default();
+            match self.frame(place, &path, going, &mut paid) {
+                Ok(true) => {
+                    self.tally.written += 1;
+                    for (sum, s) in self.tally.paid.0.iter_mut().zip(paid.0) {
+                        *sum = if sum.is_none() { s } else { sum.map(|a| a + s.unwrap_or(0.0)) };
+                    }
+                    self.tally.list.push(json!({ "frame": frame, "seconds": paid.seconds(), "stages": stages(&paid) }));
+                    sayer.ends(frame, &path, &Outcome::Written(&paid))?;
+                    self.forecast.measured(&paid);
+                    self.tell(place, sayer)?;
+                }
+                Ok(false) => {
+                    self.tally.skipped += 1;
+                    sayer.ends(frame, &path, &Outcome::Skipped)?;
+                }
+                Err(_) if !going() => return Ok(()),
+                Err((failure, own)) => {
+                    sayer.ends(frame, &path, &Outcome::Failed(&failure.sentence))?;
+                    let (code, sentence) = (failure.code, failure.sentence.clone());
+                    self.tally.failed.push((frame, failure));
+                    if !own {
+                        return Err(Failure { code, sentence: format!("frame {frame}: {sentence}") });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Renders and writes a frame; `false` where its file is whole and of this scene already. An error says whether it is
+    /// of this frame alone.
+    fn frame(&mut self, place: usize, path: &Path, going: &dyn Fn() -> bool, paid: &mut Paid) -> Result<bool, (Failure, bool)> {
+        let scene = &self.scenes[place];
+        // Scenes fail by their own files; a device or a disk that fails one frame fails all.
+        let own = |f: Failure| {
+            let own = f.code == 3;
+            (f, own)
+        };
+        let output = Output::check(path, PICTURES).map_err(|f| (f, false))?;
+        let volume = self.session.volume_hash(scene, paid).map_err(own)?;
+        let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(own)?;
+        let animation = self.asked.scene.animation.as_ref();
+        let mut meta = vec![
+            ("frame".to_owned(), self.asked.frames[place].to_string()),
+            ("rate".to_owned(), animation.map_or(24.0, |a| a.rate).to_string()),
+            ("scene_hash".to_owned(), hash),
+        ];
+        if self.asked.skip && is_whole(path, &meta) {
+            return Ok(false);
+        }
+        let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(|f| {
+            let (f, own) = own(f);
+            (f, own && !self.session.store().is_some_and(|s| s.broken))
+        })?;
+        meta.extend([("scene".to_owned(), self.asked.header_text(scene)), ("volume_hash".to_owned(), volume)]);
+        if let Some(engine) = self.session.engine() {
+            meta.push(("device".into(), format!("{}; {}", engine.device().name, engine.device().driver)));
+        }
+        meta.extend(self.session.field_meta.iter().cloned());
+        paid.time(session::WRITE, || self.asked.written.write(&output, &layers, scene, &meta)).map_err(|f| (f, false))?;
+        Ok(true)
+    }
+
+    /// What each frame may pay for.
+    fn needs(&self) -> Vec<[bool; STAGES.len()]> {
+        let before = |i: usize| i.checked_sub(1).map(|b| &self.scenes[b]);
+        let mut list: Vec<_> = self.scenes.iter().enumerate().map(|(i, s)| needs(before(i), s, self.asked.written.behind())).collect();
+        let mut known = HashSet::new();
+        for (n, scene) in list.iter_mut().zip(&self.scenes).filter(|(n, _)| n[session::VISIBILITY]) {
+            if let Some(store) = self.session.store() {
+                // Where all were found so far, others have computed them.
+                let others = store.found > 0 && store.computed == 0;
+                n[session::FIELDS] = true;
+                n[session::VISIBILITY] = known.insert(forecast::field_of(scene)) && !others;
+            } else if self.asked.field.is_some() {
+                n[session::VISIBILITY] = false;
+            }
+        }
+        list
+    }
+
+    /// Says what the rest will cost, once enough is known.
+    fn tell(&mut self, place: usize, sayer: &Sayer) -> Result<(), Failure> {
+        if self.told.is_some() || self.asked.fresh {
+            return Ok(());
+        }
+        let needs = self.needs();
+        let last = self.asked.estimate && self.forecast.frames() == sample(self.scenes.len()).len();
+        // Of a few frames, nothing would be left to say it of.
+        let enough = match needs.len() {
+            ..=8 => self.forecast.frames() >= MEASURED || self.forecast.knows(&needs),
+            _ => self.forecast.frames() >= MEASURED,
+        };
+        if !last && (self.asked.estimate || !enough || place + 1 == needs.len()) {
+            return Ok(());
+        }
+        let (all, rest) = (self.forecast.seconds(&needs), self.forecast.seconds(&needs[place + 1..]));
+        let (Some(all), Some(rest)) = (all, rest) else { return Ok(()) };
+        self.told = Some((rest, Instant::now(), self.tally.written + self.tally.skipped));
+        let mut memory = format!("{} of device memory", bytes(self.session.estimate));
+        let fields = needs[if self.asked.estimate { 0 } else { place + 1 }..].iter().filter(|n| n[session::VISIBILITY]).count();
+        if let Some(store) = self.session.store().filter(|_| fields > 0) {
+            memory += &format!(", {fields} fields of {} in {}", bytes(store.largest), store.folder.display());
+        }
+        sayer.line(&match self.asked.estimate {
+            true => format!("estimate: {} for {} frames, {memory}", duration(all), needs.len()),
+            false => format!("estimate: {} more for what is left, {memory}", duration(rest)),
+        })
+    }
+}
+
+/// Places that an estimate measures: the first two, which differ by what is paid once, one in the middle and the last.
+fn sample(count: usize) -> Vec<usize> {
+    let mut places = vec![0, 1, count / 2, count.saturating_sub(1)];
+    places.retain(|p| *p < count);
+    places.sort_unstable();
+    places.dedup();
+    places
+}
+
+/// Whether a file is there, says all of `meta`, and decodes to its end.
+fn is_whole(path: &Path, meta: &[(String, String)]) -> bool {
+    path.is_file() && io::whole_picture(path, &|said| meta.iter().all(|m| said.contains(m))).unwrap_or(false)
+}
