@@ -3,26 +3,16 @@
 use super::fail::Failure;
 use super::output::{Kind, Output};
 use clap::{Arg, ArgAction, ArgMatches};
+use halflight::engine::{Behind, LAYERS, layer_channels};
 use halflight::error::shown;
 use halflight::io::{self, ExrChannel, ExrCompression, ExrOptions};
 use halflight::scene::{Picture, Scene};
-use halflight::stages::aov::Behind;
 use std::path::Path;
-
-/// The layers that can be asked for, with their channels.
-const AOVS: [(&str, &[&str]); 6] = [
-    ("depth", &["depth.Z", "depth.first"]),
-    ("normal", &["normal.X", "normal.Y", "normal.Z"]),
-    ("albedo", &["albedo.R", "albedo.G", "albedo.B"]),
-    ("irradiance", &["irradiance.R", "irradiance.G", "irradiance.B"]),
-    ("visibility", &["visibility.Y"]),
-    ("opacity", &["opacity.Y"]),
-];
 
 /// How frames are written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
-    /// Places in [`AOVS`].
+    /// Places in [`LAYERS`].
     aovs: Vec<usize>,
     options: ExrOptions,
 }
@@ -41,7 +31,7 @@ pub fn args() -> [Arg; 3] {
             .value_name("LAYERS")
             .value_delimiter(',')
             .action(ArgAction::Append)
-            .value_parser(AOVS.map(|a| a.0))
+            .value_parser(LAYERS.map(|a| a.0))
             .help("more layers in each .exr: depth,normal,albedo,irradiance,visibility,opacity"),
         Arg::new("exr-type")
             .long("exr-type")
@@ -61,7 +51,7 @@ pub fn args() -> [Arg; 3] {
 impl Written {
     pub fn of(m: &ArgMatches, out: &Path) -> Result<Self, Failure> {
         let names: Vec<&String> = m.get_many("aov").map(Iterator::collect).unwrap_or_default();
-        let aovs: Vec<usize> = (0..AOVS.len()).filter(|&i| names.iter().any(|n| *n == AOVS[i].0)).collect();
+        let aovs: Vec<usize> = (0..LAYERS.len()).filter(|&i| names.iter().any(|n| *n == LAYERS[i].0)).collect();
         let is_exr = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
         if !aovs.is_empty() && !is_exr {
             return Err(Failure::usage(format!("{}: only an .exr holds the layers of --aov", shown(out))));
@@ -87,7 +77,7 @@ impl Written {
 
     /// What tells one way of writing from another.
     pub fn text(&self) -> String {
-        format!("{:?} {:?}", self.aovs.iter().map(|&i| AOVS[i].0).collect::<Vec<_>>(), self.options)
+        format!("{:?} {:?}", self.aovs.iter().map(|&i| LAYERS[i].0).collect::<Vec<_>>(), self.options)
     }
 
     /// Writes a frame.
@@ -99,27 +89,12 @@ impl Written {
             io::write_png(&output.path, &layers.picture, gain as f32, &meta)?;
             return Ok(());
         }
-        let channels: Vec<ExrChannel> = self.aovs.iter().flat_map(|&i| AOVS[i].1).map(|name| channel(name, &layers.behind)).collect();
+        let channels: Vec<ExrChannel> = self.aovs.iter().flat_map(|&i| layer_channels(i, &layers.behind)).map(channel).collect();
         io::write_exr_layers(&output.path, &layers.picture, &channels, self.options, meta)?;
         Ok(())
     }
 }
 
-fn channel(name: &'static str, behind: &[Behind]) -> ExrChannel {
-    let of: fn(&Behind) -> f32 = match name {
-        "depth.Z" => |b| b.depth,
-        "depth.first" => |b| b.first,
-        "normal.X" => |b| b.normal[0],
-        "normal.Y" => |b| b.normal[1],
-        "normal.Z" => |b| b.normal[2],
-        "albedo.R" => |b| b.albedo[0],
-        "albedo.G" => |b| b.albedo[1],
-        "albedo.B" => |b| b.albedo[2],
-        "irradiance.R" => |b| b.irradiance[0],
-        "irradiance.G" => |b| b.irradiance[1],
-        "irradiance.B" => |b| b.irradiance[2],
-        "visibility.Y" => |b| b.visibility,
-        _ => |b| b.opacity,
-    };
-    ExrChannel { name: name.into(), values: behind.iter().map(of).collect(), full: name.starts_with("depth") }
+fn channel((name, values): (&str, Vec<f32>)) -> ExrChannel {
+    ExrChannel { name: name.into(), values, full: name.starts_with("depth") }
 }

@@ -2,13 +2,30 @@
 
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, ImageSettings};
-use crate::stages::aov::{self, Behind, Frame, Inputs, STATE};
+use crate::scene::{Camera, ImageSettings, Picture};
+use crate::stages::aov::{self, Frame, Inputs, STATE};
 use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
 use crate::vk::Access;
 use std::ops::ControlFlow;
 use std::time::Instant;
+
+pub use crate::stages::aov::{Behind, LAYERS};
+
+/// Gives what lies behind a surface's pixels its albedo, and the irradiance that made the picture of it: the picture is
+/// their product.
+pub fn surface_layers(behind: &mut [Behind], picture: &Picture, albedo: [f32; 3]) {
+    for (b, p) in behind.iter_mut().zip(&picture.rgba).filter(|(b, _)| b.opacity > 0.0) {
+        b.albedo = albedo;
+        b.irradiance = [0, 1, 2].map(|c| if albedo[c] > 0.0 { p[c] / albedo[c] } else { 0.0 });
+    }
+}
+
+/// The channels of a layer, by its place in [`LAYERS`]: name, and a number per pixel.
+pub fn layer_channels(layer: usize, behind: &[Behind]) -> impl Iterator<Item = (&'static str, Vec<f32>)> + '_ {
+    let channels = LAYERS.get(layer).map_or(&[][..], |l| l.1);
+    channels.iter().enumerate().map(move |(c, name)| (*name, behind.iter().map(|b| b.channel(layer, c)).collect()))
+}
 
 /// Samples of one row in a dispatch, at most: each asks for a normal too.
 const ROW_SAMPLES: u32 = 1 << 21;
@@ -16,7 +33,7 @@ const ROW_SAMPLES: u32 = 1 << 21;
 impl Engine {
     /// What lies behind each pixel of the picture that [`Engine::render`] makes of the same scene, row by row from the top.
     /// `hits` are the distances of [`Engine::render_with_distance`], which a surface needs. Albedo and irradiance of a
-    /// surface are left zero: its picture is their product.
+    /// surface are left zero: [`surface_layers`] gives them.
     ///
     /// # Errors
     /// As [`Engine::render`], and [`Error::Invalid`] where a surface's distances are missing.

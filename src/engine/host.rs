@@ -277,6 +277,8 @@ impl Engine {
         Ok(DeviceVolume(Arc::new(VolumeData {
             grid: to.grid,
             range: [a.min(b), a.max(b)],
+            samples: to.samples,
+            rescale: to.rescale,
             encoding: to.samples.encoding(to.rescale),
             image: to.image,
             ranges: to.ranges,

@@ -18,11 +18,13 @@ mod sweep;
 use crate::error::{Error, Result};
 use crate::scene::transfer::Table;
 use crate::scene::{Clip, Grid, Matter, Samples, Volume};
+use crate::stages::widen::SampleType;
 use crate::stages::{self, Encoding, MediumView};
 use crate::vk::{self, Buffer, Format, Image, ImageDesc};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+pub use aov::{Behind, LAYERS, layer_channels, surface_layers};
 pub use budget::{Need, precompute_memory};
 pub use cost::Cost;
 pub use field::Field;
@@ -65,6 +67,9 @@ pub struct DeviceVolume(Arc<VolumeData>);
 struct VolumeData {
     grid: Grid,
     range: [f32; 2],
+    samples: SampleType,
+    /// Value = slope·sample + intercept.
+    rescale: (f32, f32),
     encoding: Encoding,
     image: Image,
     /// Smallest and largest sample of each block; see `stages::occupancy`.
@@ -97,6 +102,16 @@ impl DeviceVolume {
         self.0.range
     }
 
+    /// What its samples are.
+    pub fn samples(&self) -> SampleType {
+        self.0.samples
+    }
+
+    /// Slope and intercept.
+    pub fn rescale(&self) -> (f32, f32) {
+        self.0.rescale
+    }
+
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         self.0.image.bytes() + self.0.ranges.bytes()
@@ -117,6 +132,11 @@ impl Medium {
     /// Whether it is an opaque surface.
     pub fn has_surface(&self) -> bool {
         self.matter.surface.is_some()
+    }
+
+    /// Linear RGB albedo of the surface, if it is one.
+    pub fn surface_albedo(&self) -> Option<[f32; 3]> {
+        self.matter.surface_albedo()
     }
 
     /// Which blocks hold matter.
@@ -248,7 +268,33 @@ impl Engine {
         let row = dims[0] as usize * dims[1] as usize;
         self.device.write_image(&image, 0, &mut |first_z, bytes| encode(volume.samples(), first_z as usize * row, bytes))?;
         let ranges = self.upload_ranges(volume)?;
-        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), encoding: Encoding::of(volume), image, ranges })))
+        let samples = match volume.samples() {
+            Samples::U8(_) => SampleType::U8,
+            Samples::U16(_) => SampleType::U16,
+            Samples::I16(_) => SampleType::I16,
+            Samples::F32(_) => SampleType::F32,
+        };
+        let (rescale, encoding) = (volume.rescale(), Encoding::of(volume));
+        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), samples, rescale, encoding, image, ranges })))
+    }
+
+    /// Brings a volume back to main memory, sample by sample as it was (8-bit signed as 16-bit, 16-bit floats as 32-bit).
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`], and what the device refuses.
+    pub fn read_volume(&self, volume: &DeviceVolume) -> Result<Volume> {
+        let data = &volume.0;
+        let bytes = self.device.read_image(&data.image, 0)?;
+        let words = || bytes.chunks_exact(2).map(|b| u16::from_ne_bytes([b[0], b[1]]));
+        let samples = match data.samples {
+            SampleType::U8 => Samples::U8(words().map(|w| (w / 257) as u8).collect()),
+            SampleType::U16 => Samples::U16(words().collect()),
+            SampleType::I8 | SampleType::I16 => Samples::I16(words().map(|w| (w ^ 0x8000) as i16).collect()),
+            SampleType::F16 | SampleType::F32 => {
+                Samples::F32(bytes.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect())
+            }
+        };
+        Volume::new(data.grid, samples, data.rescale.0, data.rescale.1)
     }
 
     /// Gives a volume its matter: transfer function, or opaque surface.
@@ -265,7 +311,28 @@ impl Engine {
     /// As [`Engine::classify`], and as [`Clip::check`].
     pub fn classify_clipped(&self, volume: &DeviceVolume, matter: &Matter, clip: &Clip) -> Result<Medium> {
         clip.check()?;
-        let clip = clip.half_spaces(volume.grid());
+        self.classify_within(volume, matter, clip.half_spaces(volume.grid()))
+    }
+
+    /// The same medium, of which `clip` cuts away more: to be looked into, in a light that was computed for the whole. Where
+    /// shadows are to be cut too, [`Engine::classify_clipped`] is what a field must be computed of.
+    ///
+    /// # Errors
+    /// As [`Clip::check`], and [`Error::Invalid`] where the planes are too many together.
+    pub fn cut(&self, medium: &Medium, clip: &Clip) -> Result<Medium> {
+        clip.check()?;
+        let planes = [&medium.clip[..], &clip.half_spaces(medium.grid())].concat();
+        if planes.len() > stages::isosurface::MAX_CLIPS {
+            return Err(Error::Invalid {
+                item: "clip.planes",
+                what: format!("{} planes and faces, with those of the medium", planes.len()),
+                right: format!("at most {} are cut by together", stages::isosurface::MAX_CLIPS),
+            });
+        }
+        self.classify_within(&medium.volume, &medium.matter, planes)
+    }
+
+    fn classify_within(&self, volume: &DeviceVolume, matter: &Matter, clip: Vec<[f32; 4]>) -> Result<Medium> {
         let grid = volume.grid();
         let mut table = matter.transfer.table(volume.range(), grid);
         if let (Some(surface), Some(albedo)) = (matter.surface, matter.surface_albedo()) {

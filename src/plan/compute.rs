@@ -3,11 +3,12 @@
 use super::bench::together;
 use super::choose::unreachable;
 use super::{Candidate, Plan};
-use crate::engine::{Engine, Field, Medium, Progress};
+use crate::engine::{Engine, Field, Medium, Pass, Progress};
 use crate::error::Result;
 use crate::measure::{FieldError, errors};
 use crate::scene::Visibility;
 use crate::scene::visibility::Method;
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Fields that are computed before the plan gives up.
@@ -36,12 +37,45 @@ impl Plan {
     /// # Errors
     /// [`crate::Error::Invalid`] on the tolerance where no field met it; otherwise as [`Engine::precompute`].
     pub fn compute(&mut self, engine: &Engine, medium: &Medium, tell: &mut dyn FnMut(&str), progress: &mut Progress) -> Result<Made> {
+        self.made(engine, medium, tell, progress, None)
+    }
+
+    /// The same in passes ([`Engine::refine`]), each of which `finished` is given; none of them is measured but the last. A
+    /// field that is computed anew begins with its first pass again.
+    ///
+    /// # Errors
+    /// As [`Plan::compute`].
+    pub fn refine(
+        &mut self,
+        engine: &Engine,
+        medium: &Medium,
+        tell: &mut dyn FnMut(&str),
+        progress: &mut Progress,
+        finished: &mut dyn FnMut(&Pass),
+    ) -> Result<Made> {
+        self.made(engine, medium, tell, progress, Some(finished))
+    }
+
+    fn made(
+        &mut self,
+        engine: &Engine,
+        medium: &Medium,
+        tell: &mut dyn FnMut(&str),
+        progress: &mut Progress,
+        mut finished: Option<&mut dyn FnMut(&Pass)>,
+    ) -> Result<Made> {
         let mut missed = Vec::new();
         let mut closest = f64::INFINITY;
         for attempt in 1..=ATTEMPTS {
             let start = Instant::now();
             engine.take_timings();
-            let field = engine.precompute(medium, &self.settings, progress)?;
+            let field = match &mut finished {
+                None => engine.precompute(medium, &self.settings, progress)?,
+                Some(finished) => engine.refine(medium, &self.settings, progress, &mut |pass| {
+                    finished(pass);
+                    ControlFlow::Continue(())
+                })?,
+            };
             let spans = engine.take_timings();
             let seconds = together(&spans, start);
             let data = engine.read_field(&field)?;

@@ -25,6 +25,16 @@ pub const BYTES: u64 = 16 * STATE as u64 + 4;
 /// Pixels that are gathered together at most.
 pub const MOST: u64 = 1 << 18;
 
+/// The layers of a picture beside its colours, each with its channels as programs that read OpenEXR name them.
+pub const LAYERS: [(&str, &[&str]); 6] = [
+    ("depth", &["depth.Z", "depth.first"]),
+    ("normal", &["normal.X", "normal.Y", "normal.Z"]),
+    ("albedo", &["albedo.R", "albedo.G", "albedo.B"]),
+    ("irradiance", &["irradiance.R", "irradiance.G", "irradiance.B"]),
+    ("visibility", &["visibility.Y"]),
+    ("opacity", &["opacity.Y"]),
+];
+
 /// The `Frame` buffer of the kernel.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -132,6 +142,20 @@ pub struct Behind {
 }
 
 impl Behind {
+    /// The number of a channel of a layer, by their places in [`LAYERS`].
+    pub fn channel(&self, layer: usize, channel: usize) -> f32 {
+        let of = |v: &[f32; 3]| v.get(channel).copied().unwrap_or(0.0);
+        match (layer, channel) {
+            (0, 0) => self.depth,
+            (0, _) => self.first,
+            (1, _) => of(&self.normal),
+            (2, _) => of(&self.albedo),
+            (3, _) => of(&self.irradiance),
+            (4, _) => self.visibility,
+            _ => self.opacity,
+        }
+    }
+
     /// From the kernel's sums.
     pub fn of(state: &[[f32; 4]; STATE]) -> Self {
         let [a, b, c, e] = state;

@@ -13,6 +13,9 @@ use crate::scene::{Grid, Light, Shading, Volume, sh};
 use crate::vk::{Buffer, Image, Recorder};
 use bytemuck::{Pod, Zeroable};
 
+/// Most clip planes that the kernel takes: those of a scene, and the faces of its box.
+pub const MAX_CLIPS: usize = 16;
+
 /// The `View` buffer of the kernel.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -26,7 +29,7 @@ pub struct Shade {
     /// Rows of 16 RGB(0); see the kernel.
     pub product: [[[f32; 4]; 16]; 31],
     /// Clip planes, voxel space.
-    pub clip_planes: [[f32; 4]; 16],
+    pub clip_planes: [[f32; 4]; MAX_CLIPS],
 }
 
 impl Shade {
@@ -56,7 +59,7 @@ impl Shade {
             albedo: [albedo[0], albedo[1], albedo[2], 1.0],
             field_dims: [field_dims[0] as f32, field_dims[1] as f32, field_dims[2] as f32, 0.0],
             product,
-            clip_planes: [[0.0; 4]; 16],
+            clip_planes: [[0.0; 4]; MAX_CLIPS],
         }
     }
 
@@ -67,7 +70,7 @@ impl Shade {
         [column(normal.x_axis), column(normal.y_axis), column(normal.z_axis), [0.0, 0.0, 0.0, 1.0]]
     }
 
-    /// Under clip planes, of which there are at most 16.
+    /// Under clip planes, of which there are at most [`MAX_CLIPS`].
     pub fn clipped(mut self, planes: &[[f32; 4]]) -> Self {
         for (own, plane) in self.clip_planes.iter_mut().zip(planes) {
             *own = *plane;

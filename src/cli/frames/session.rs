@@ -8,7 +8,7 @@ use crate::cli::layers::{Layers, Written};
 use crate::cli::load;
 use crate::cli::progress::Progress;
 use crate::cli::{Context, field_file};
-use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium};
+use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium, surface_layers};
 use halflight::scene::scene::{LightSource, TransferSource, VolumeSettings};
 use halflight::scene::visibility::{Method, Sampling};
 use halflight::scene::{Camera, Clip, Light, Matter, Probe, Scene, Visibility, Volume};
@@ -257,11 +257,7 @@ impl<'a> Session<'a> {
         if written.behind() {
             behind = paid.time(LAYERS, || engine.aovs(medium, lit, &camera, &scene.image, &hits, &mut job(going))).map_err(blame)?;
             if let Some(albedo) = classified.matter.surface_albedo() {
-                // A surface's picture is the product of the two.
-                for (b, p) in behind.iter_mut().zip(&picture.rgba).filter(|(b, _)| b.opacity > 0.0) {
-                    b.albedo = albedo;
-                    b.irradiance = [0, 1, 2].map(|c| if albedo[c] > 0.0 { p[c] / albedo[c] } else { 0.0 });
-                }
+                surface_layers(&mut behind, &picture, albedo);
             }
         }
         let probe = self.probe.as_ref().map(|p| &p.1);
