@@ -118,6 +118,10 @@ typedef struct hl_device_info {
     uint64_t memory_used, memory_peak, memory_budget; /* bytes held by this engine */
 } hl_device_info;
 
+/* The index-th device of this machine, as hl_engine_info.device counts them, without an engine on it; memory_budget is that
+ * of its largest heap. HL_END after the last. */
+hl_status hl_device_get(uint32_t index, hl_device_info *info);
+
 hl_status hl_engine_create(const hl_engine_info *info, hl_engine **engine); /* info may be NULL */
 hl_status hl_engine_destroy(hl_engine *engine);
 hl_status hl_engine_get_device(const hl_engine *engine, hl_device_info *info);
@@ -137,7 +141,7 @@ hl_status hl_engine_get_device(const hl_engine *engine, hl_device_info *info);
 
 #define HL_COPY 0   /* the data are copied before the call returns */
 #define HL_BORROW 1 /* they stay the caller's, valid and unchanged until `release` is called, exactly once (not at all if the
-                       call fails). They are read at creation, and again by plans and error measurements. */
+                       call fails). They are read at creation, and again by plans, error measurements and histograms. */
 typedef void (*hl_release_fn)(void *user, const void *data);
 
 typedef struct hl_volume_info {
@@ -159,12 +163,30 @@ typedef struct hl_volume_info {
     int32_t reserved;
     hl_release_fn release; /* called from whichever call lets go last; may be NULL */
     void *release_user;
+    uint32_t components; /* numbers that lie side by side at each voxel, of which one is the sample; 0: 1 */
+    uint32_t component;  /* which, from 0; `data` is the first of voxel (0, 0, 0), packed strides are all components' */
 } hl_volume_info;
 
+typedef struct hl_load_info {
+    uint32_t struct_size;
+    int32_t struct_type;
+    const void *next;
+    const char *component; /* name, or number from 0, of the scalar in a file of several; NULL: the only one */
+    const char *series;    /* SeriesInstanceUID, in a folder of several DICOM series */
+    double spacing[3];     /* of a stack of pictures; all 0: 1 */
+    int32_t replace_nan;   /* as in hl_volume_info */
+    float nan_as;
+} hl_load_info;
+
 hl_status hl_volume_create(hl_engine *engine, const hl_volume_info *info, hl_volume **volume);
-hl_status hl_volume_load(hl_engine *engine, const char *path, hl_volume **volume); /* NRRD, NIfTI-1 */
+/* Any file with a header, folder or stack that the command reads. info may be NULL. */
+hl_status hl_volume_load(hl_engine *engine, const char *path, const hl_load_info *info, hl_volume **volume);
 hl_status hl_volume_destroy(hl_volume *volume);
 hl_status hl_volume_get_range(const hl_volume *volume, uint32_t dims[3], double range[2]);
+/* Its dims, place, slope and intercept, and the type that it has become; all else is 0. */
+hl_status hl_volume_get_info(const hl_volume *volume, hl_volume_info *info);
+/* Voxels per 64th of the range, and the mean value. */
+hl_status hl_volume_get_histogram(const hl_volume *volume, uint64_t bins[64], double *mean);
 
 /* ---- Transfer function ----------------------------------------------------------------------------------------- */
 
@@ -186,7 +208,20 @@ typedef struct hl_transfer_info {
     int32_t reserved;
 } hl_transfer_info;
 
+typedef struct hl_transfer_file_info {
+    uint32_t struct_size;
+    int32_t struct_type;
+    const void *next;
+    const char *name; /* of the preset, in a file of several; NULL: the only one */
+    double range[2];  /* scalars that its ends are laid on; both 0: as it says, which may be the volume's range */
+    int32_t reference;
+    int32_t reserved;
+} hl_transfer_file_info;
+
 hl_status hl_transfer_create(hl_engine *engine, const hl_transfer_info *info, hl_transfer **transfer); /* info may be NULL */
+/* A preset of ParaView, Slicer, Voreen, Inviwo, ImageVis3D, NiiVue or Exposure Render. info may be NULL. */
+hl_status hl_transfer_load(hl_engine *engine, const char *path, const hl_transfer_file_info *info, hl_transfer **transfer);
+hl_status hl_transfer_guess(const hl_volume *volume, hl_transfer **transfer); /* by its histogram: to begin with */
 hl_status hl_transfer_set(hl_transfer *transfer, const hl_transfer_info *info); /* for later precomputes */
 hl_status hl_transfer_destroy(hl_transfer *transfer);
 
@@ -245,6 +280,35 @@ typedef struct hl_image_info {
     void *release_user;
 } hl_image_info;
 
+/* What lies behind the pixels of a picture, if hl_render_info.layers asked for it; numbers a pixel. Means are weighted by what
+ * each place adds to the opacity. */
+#define HL_LAYER_DEPTH 1u       /* 2: mean distance from the camera; the first at opacity 0.05. Infinite: nothing is there */
+#define HL_LAYER_NORMAL 2u      /* 3: mean normal, world, brought to length 1 */
+#define HL_LAYER_ALBEDO 4u      /* 3 */
+#define HL_LAYER_IRRADIANCE 8u  /* 3: radiance at albedo 1 */
+#define HL_LAYER_VISIBILITY 16u /* 1: of the sky, 0..1 */
+#define HL_LAYER_OPACITY 32u    /* 1 */
+
+#define HL_COMPRESSION_ZIP 0
+#define HL_COMPRESSION_NONE 1
+#define HL_COMPRESSION_RLE 2
+#define HL_COMPRESSION_ZIPS 3
+#define HL_COMPRESSION_PIZ 4
+
+typedef struct hl_save_info {
+    uint32_t struct_size;
+    int32_t struct_type;
+    const void *next;
+    double exposure;     /* stops, of a .png */
+    uint32_t layers;     /* sum of HL_LAYER_... that an .exr gets beside the colours */
+    int32_t half;        /* 1: 16-bit floats in an .exr, but for distances */
+    int32_t compression; /* of an .exr; all are lossless */
+    int32_t reserved;
+} hl_save_info;
+
+#define HL_DIFFERENCE_SIGNED 0 /* a - b */
+#define HL_DIFFERENCE_FLIP 1   /* FLIP's map, in colours */
+
 typedef struct hl_difference {
     uint32_t struct_size;
     int32_t struct_type;
@@ -264,8 +328,12 @@ hl_status hl_image_read(const hl_image *image, int32_t format, double exposure, 
 /* The pixels themselves, HL_RGBA32F and packed, until the last unmap or the image is destroyed. */
 hl_status hl_image_map(hl_image *image, const float **pixels, uint64_t *count);
 hl_status hl_image_unmap(hl_image *image);
-hl_status hl_image_save(const hl_image *image, const char *path, double exposure); /* .exr, .png; whole or not at all */
+/* The same of one layer: packed floats, top row first; count: numbers. Unmapped by hl_image_unmap too. */
+hl_status hl_image_read_layer(const hl_image *image, uint32_t layer, float *data, uint64_t count);
+hl_status hl_image_map_layer(hl_image *image, uint32_t layer, const float **data, uint64_t *count);
+hl_status hl_image_save(const hl_image *image, const char *path, const hl_save_info *info); /* .exr, .png; whole or not at all */
 hl_status hl_image_compare(const hl_image *a, const hl_image *b, hl_difference *difference);
+hl_status hl_image_difference(const hl_image *a, const hl_image *b, int32_t kind, hl_image **image);
 
 /* ---- Jobs ------------------------------------------------------------------------------------------------------ */
 
@@ -308,7 +376,7 @@ hl_status hl_job_get_field(hl_job *job, hl_field **field);
 hl_status hl_job_get_image(hl_job *job, hl_image **image);
 hl_status hl_job_destroy(hl_job *job); /* cancels it and waits for its end: no callback of it runs afterwards */
 
-/* What work will cost, before it starts. */
+/* What work will cost, before it starts. Asked of a plan, it plans: two seconds of device time, or half of the field's. */
 typedef struct hl_estimate {
     uint32_t struct_size;
     int32_t struct_type;
@@ -334,6 +402,19 @@ typedef struct hl_surface { /* an opaque isosurface in place of the translucent 
     float albedo[3];
     int32_t reserved;
 } hl_surface;
+
+#define HL_CLIP_SIDE 0 /* a plane's d counts longest sides from the volume's centre */
+#define HL_CLIP_WORLD 1
+
+typedef struct hl_clip { /* what is kept of a volume; beyond it is vacuum */
+    uint32_t struct_size;
+    int32_t struct_type;
+    const void *next;
+    double low[3], high[3]; /* corners of the kept box, fractions 0..1 of the volume's own sides; all 0: no box */
+    const double *planes;   /* nx, ny, nz, d of each: n.p >= d is kept, along the unit normal, world axes */
+    uint32_t plane_count;   /* at most 10 */
+    int32_t space;          /* of d */
+} hl_clip;
 
 #define HL_METHOD_MARCH 1
 #define HL_METHOD_HIERARCHICAL 2
@@ -366,7 +447,7 @@ typedef struct hl_precompute_info {
     int32_t jittered;          /* 1: the paper's patterns in place of one even set */
     int32_t near_slices;       /* sweep; 0: 1 */
     int32_t all_cells;         /* 1: also cells far from matter */
-    int32_t progressive;       /* 1: results after every pass (sweep); other methods make one pass */
+    int32_t progressive;       /* 1: results after every pass (sweep, also a planned one); other methods make one pass */
     float growth;              /* hierarchical; 0: 0.25 */
     float step;                /* voxels; 0: 1 */
     double tolerance;          /* above 0: method, directions, near_slices, step (and ratio, bits where 0) by measuring */
@@ -375,6 +456,7 @@ typedef struct hl_precompute_info {
     double measure_seconds;    /* device time that measuring may take; 0: 60 */
     hl_progress_fn progress;
     void *user;
+    const hl_clip *clip;       /* cuts matter, its shadows and what is seen of it; NULL: nothing */
 } hl_precompute_info;
 
 typedef struct hl_field_info {
@@ -412,10 +494,13 @@ hl_status hl_field_load(hl_engine *engine, const char *path, const hl_precompute
 typedef struct hl_camera {
     double position[3];
     double target[3];
-    double up[3]; /* all 0: +z */
-    double fov;   /* vertical; 0: 30 */
+    double up[3];       /* all 0: +z */
+    double fov;         /* vertical; 0: 30 */
+    double orbit[4];    /* axis (world) and degrees by which the camera is turned about the centre; all 0: none */
+    double centre[3];   /* of the orbit, if own_centre is 1; else the target */
+    double distance;    /* from the target, counted as the position; 0: as the position says */
     int32_t space;
-    int32_t reserved;
+    int32_t own_centre;
 } hl_camera;
 
 #define HL_BACKGROUND_NONE 0 /* the image keeps its coverage */
@@ -440,11 +525,43 @@ typedef struct hl_render_info {
     uint32_t seed;
     hl_progress_fn progress;
     void *user;
+    const hl_clip *clip;  /* cuts the view further, to look into what the light still sees whole; NULL: as the field's */
+    uint32_t layers;      /* sum of HL_LAYER_... that the image gets */
+    int32_t every_block;  /* 1: do not leap over empty blocks: slower, the same picture */
 } hl_render_info;
 
 hl_status hl_render(hl_engine *engine, const hl_render_info *info, hl_image **image); /* waits */
 hl_status hl_render_start(hl_engine *engine, const hl_render_info *info, hl_job **job);
 hl_status hl_render_estimate(hl_engine *engine, const hl_render_info *info, hl_estimate *estimate);
+
+/* Layouts, where pointers have 8 bytes: what a binding in another language must match. */
+#if defined(__cplusplus) && __cplusplus >= 201103L
+#define HL_ASSERT_SIZE(type, size) static_assert(sizeof(void *) != 8 || sizeof(type) == (size), #type)
+#elif defined(__STDC_VERSION__) && __STDC_VERSION__ >= 201112L
+#define HL_ASSERT_SIZE(type, size) _Static_assert(sizeof(void *) != 8 || sizeof(type) == (size), #type)
+#else
+#define HL_ASSERT_SIZE(type, size) typedef char HL_SIZE_OF_##type[sizeof(void *) != 8 || sizeof(type) == (size) ? 1 : -1]
+#endif
+HL_ASSERT_SIZE(hl_header, 16);
+HL_ASSERT_SIZE(hl_engine_info, 72);
+HL_ASSERT_SIZE(hl_device_info, 608);
+HL_ASSERT_SIZE(hl_volume_info, 232);
+HL_ASSERT_SIZE(hl_load_info, 64);
+HL_ASSERT_SIZE(hl_transfer_info, 40);
+HL_ASSERT_SIZE(hl_transfer_file_info, 48);
+HL_ASSERT_SIZE(hl_light_info, 128);
+HL_ASSERT_SIZE(hl_image_info, 72);
+HL_ASSERT_SIZE(hl_save_info, 40);
+HL_ASSERT_SIZE(hl_difference, 48);
+HL_ASSERT_SIZE(hl_job_state, 104);
+HL_ASSERT_SIZE(hl_timing, 72);
+HL_ASSERT_SIZE(hl_estimate, 48);
+HL_ASSERT_SIZE(hl_surface, 48);
+HL_ASSERT_SIZE(hl_clip, 80);
+HL_ASSERT_SIZE(hl_precompute_info, 144);
+HL_ASSERT_SIZE(hl_field_info, 88);
+HL_ASSERT_SIZE(hl_camera, 152);
+HL_ASSERT_SIZE(hl_render_info, 272);
 
 #ifdef __cplusplus
 }

@@ -6,8 +6,12 @@
  *   3. volumes: hl_volume_info.next = a hl_vulkan_image or hl_vulkan_buffer, with data NULL. Copied on the device.
  *   4. pictures: hl_render_info.next = a hl_vulkan_image. Written on the device, over no background.
  *
+ * Plans, error measurements and histograms of such volumes read them back to main memory once; nothing else leaves the device.
+ *
  * Images and buffers are the engine's from the call (or the job's start) until the call returns (the job ends), or as the
- * semaphores order it. */
+ * semaphores order it. Of what belongs to another queue family than the engine's (hl_vulkan_get_family), the host records its
+ * half of each hand-over: before, a barrier from its family to the engine's, layouts `layout` to `layout`; after, one from the
+ * engine's to its own, layouts `layout_after` to `layout_after`. */
 #ifndef HALFLIGHT_VULKAN_H
 #define HALFLIGHT_VULKAN_H
 
@@ -121,6 +125,12 @@ typedef struct hl_vulkan_buffer {
 
 /* The queue family that the engine works on. */
 hl_status hl_vulkan_get_family(const hl_engine *engine, uint32_t *family);
+
+HL_ASSERT_SIZE(hl_vulkan_requirement, 160);
+HL_ASSERT_SIZE(hl_vulkan_queue, 12);
+HL_ASSERT_SIZE(hl_vulkan_device, 112);
+HL_ASSERT_SIZE(hl_vulkan_image, 96);
+HL_ASSERT_SIZE(hl_vulkan_buffer, 104);
 
 #ifdef __cplusplus
 }

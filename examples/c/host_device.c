@@ -239,7 +239,7 @@ int main(int argc, char **argv) {
         image_info.width = WIDTH;
         image_info.height = HEIGHT;
         HL(hl_image_create(engine, &image_info, &copy));
-        HL(hl_image_save(copy, argv[5], 0.0));
+        HL(hl_image_save(copy, argv[5], NULL));
         HL(hl_engine_destroy(engine)); /* the device stays ours */
         vkDestroyBuffer(device, buffer, NULL);
         vkDestroyImage(device, image, NULL);

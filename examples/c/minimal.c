@@ -50,7 +50,7 @@ int main(int argc, char **argv) {
     render_info.width = 640; /* without a light: white from everywhere; without a camera: all in view */
     render_info.height = 480;
     check(hl_render(engine, &render_info, &image), "render");
-    check(hl_image_save(image, argv[5], 0.0), argv[5]);
+    check(hl_image_save(image, argv[5], NULL), argv[5]);
     hl_engine_destroy(engine);
     return 0;
 }

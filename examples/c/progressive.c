@@ -39,7 +39,7 @@ static int picture(hl_field *field, hl_light *light, const char *folder, const c
     info.background = HL_BACKGROUND_COLOR;
     if (hl_render(engine, &info, &image) != HL_OK) return HL_ERROR_INTERNAL;
     snprintf(path, sizeof path, "%s/%s-%u.png", folder, name, number);
-    if (hl_image_save(image, path, 0.0) != HL_OK) return HL_ERROR_IO;
+    if (hl_image_save(image, path, NULL) != HL_OK) return HL_ERROR_IO;
     printf("wrote %s\n", path);
     return hl_image_destroy(image);
 }

@@ -44,7 +44,8 @@ class PrecomputeInfo(Info):
 class Camera(c.Structure):
     _fields_ = [
         ("position", c.c_double * 3), ("target", c.c_double * 3), ("up", c.c_double * 3), ("fov", c.c_double),
-        ("space", c.c_int32), ("reserved", c.c_int32),
+        ("orbit", c.c_double * 4), ("centre", c.c_double * 3), ("distance", c.c_double), ("space", c.c_int32),
+        ("own_centre", c.c_int32),
     ]
 
 
@@ -83,7 +84,7 @@ def render(volume, width, height, directions=96):
         call("hl_image_read", image, HL_RGBA32F, c.c_double(0), c.c_void_p(picture.ctypes.data), c.c_int64(0),
              c.c_uint64(picture.nbytes))
         if len(sys.argv) > 1:
-            call("hl_image_save", image, sys.argv[1].encode(), c.c_double(0))
+            call("hl_image_save", image, sys.argv[1].encode(), None)
         return picture
     finally:
         call("hl_engine_destroy", engine)

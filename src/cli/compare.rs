@@ -9,7 +9,6 @@ use halflight::Error;
 use halflight::error::shown;
 use halflight::io::{self, PictureKind};
 use halflight::measure::{self, Difference, flip};
-use halflight::scene::Picture;
 use serde_json::json;
 use std::path::Path;
 
@@ -77,7 +76,12 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     );
     if let Some(output) = output {
         let meta = [("picture", paths[0]), ("reference", paths[1])].map(|(key, path)| (key.to_owned(), shown(path)));
-        output.write(&drawn(output.kind, &a, &b, &flip.map), 0.0, &meta)?;
+        // Signed numbers for programs, the map's colours for the eye.
+        let drawn = match output.kind {
+            Kind::Exr => measure::signed(&a, &b).map_err(blame)?,
+            _ => flip.drawn(b.width, b.height),
+        };
+        output.write(&drawn, 0.0, &meta)?;
         report.wrote(&output.path);
         report.set("output", json!(output.path.display().to_string()));
     }
@@ -86,20 +90,4 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 
 fn wrong(path: &Path, what: String, right: &str) -> Failure {
     Error::Format { path: path.to_owned(), what, right: right.into() }.into()
-}
-
-/// FLIP's map in colours for the eye, or the signed difference for programs (coverage 1 everywhere, so that none of it is
-/// lost to the background).
-fn drawn(kind: Kind, a: &Picture, b: &Picture, map: &[f32]) -> Picture {
-    let rgba = match kind {
-        Kind::Exr => a.rgba.iter().zip(&b.rgba).map(|(a, b)| [a[0] - b[0], a[1] - b[1], a[2] - b[2], 1.0]).collect(),
-        _ => map
-            .iter()
-            .map(|&e| {
-                let [r, g, b] = flip::magma(e).map(|v| io::png::linear(f32::from(v) / 255.0));
-                [r, g, b, 1.0]
-            })
-            .collect(),
-    };
-    Picture { width: b.width, height: b.height, rgba }
 }

@@ -69,6 +69,25 @@ pub const HL_RGBA32F: i32 = 0;
 pub const HL_RGB32F: i32 = 1;
 pub const HL_RGBA8: i32 = 2;
 
+pub const HL_LAYER_DEPTH: u32 = 1;
+pub const HL_LAYER_NORMAL: u32 = 2;
+pub const HL_LAYER_ALBEDO: u32 = 4;
+pub const HL_LAYER_IRRADIANCE: u32 = 8;
+pub const HL_LAYER_VISIBILITY: u32 = 16;
+pub const HL_LAYER_OPACITY: u32 = 32;
+
+pub const HL_COMPRESSION_ZIP: i32 = 0;
+pub const HL_COMPRESSION_NONE: i32 = 1;
+pub const HL_COMPRESSION_RLE: i32 = 2;
+pub const HL_COMPRESSION_ZIPS: i32 = 3;
+pub const HL_COMPRESSION_PIZ: i32 = 4;
+
+pub const HL_DIFFERENCE_SIGNED: i32 = 0;
+pub const HL_DIFFERENCE_FLIP: i32 = 1;
+
+pub const HL_CLIP_SIDE: i32 = 0;
+pub const HL_CLIP_WORLD: i32 = 1;
+
 pub const HL_LAMBERT: i32 = 0;
 pub const HL_ISOTROPIC: i32 = 1;
 
@@ -150,14 +169,18 @@ sized!(
     hl_engine_info,
     hl_device_info,
     hl_volume_info,
+    hl_load_info,
     hl_transfer_info,
+    hl_transfer_file_info,
     hl_light_info,
     hl_image_info,
+    hl_save_info,
     hl_difference,
     hl_job_state,
     hl_timing,
     hl_estimate,
     hl_surface,
+    hl_clip,
     hl_precompute_info,
     hl_field_info,
     hl_render_info,
@@ -227,6 +250,21 @@ pub struct hl_volume_info {
     pub reserved: i32,
     pub release: hl_release_fn,
     pub release_user: *mut c_void,
+    pub components: u32,
+    pub component: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct hl_load_info {
+    pub struct_size: u32,
+    pub struct_type: i32,
+    pub next: *const c_void,
+    pub component: *const c_char,
+    pub series: *const c_char,
+    pub spacing: [f64; 3],
+    pub replace_nan: i32,
+    pub nan_as: f32,
 }
 
 #[repr(C)]
@@ -238,6 +276,18 @@ pub struct hl_transfer_info {
     pub points: *const f64,
     pub count: u32,
     pub kind: i32,
+    pub reference: i32,
+    pub reserved: i32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct hl_transfer_file_info {
+    pub struct_size: u32,
+    pub struct_type: i32,
+    pub next: *const c_void,
+    pub name: *const c_char,
+    pub range: [f64; 2],
     pub reference: i32,
     pub reserved: i32,
 }
@@ -276,6 +326,19 @@ pub struct hl_image_info {
     pub row_stride: i64,
     pub release: hl_release_fn,
     pub release_user: *mut c_void,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct hl_save_info {
+    pub struct_size: u32,
+    pub struct_type: i32,
+    pub next: *const c_void,
+    pub exposure: f64,
+    pub layers: u32,
+    pub half: i32,
+    pub compression: i32,
+    pub reserved: i32,
 }
 
 #[repr(C)]
@@ -347,6 +410,19 @@ pub struct hl_surface {
 
 #[repr(C)]
 #[derive(Clone, Copy)]
+pub struct hl_clip {
+    pub struct_size: u32,
+    pub struct_type: i32,
+    pub next: *const c_void,
+    pub low: [f64; 3],
+    pub high: [f64; 3],
+    pub planes: *const f64,
+    pub plane_count: u32,
+    pub space: i32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
 pub struct hl_precompute_info {
     pub struct_size: u32,
     pub struct_type: i32,
@@ -373,6 +449,7 @@ pub struct hl_precompute_info {
     pub measure_seconds: f64,
     pub progress: hl_progress_fn,
     pub user: *mut c_void,
+    pub clip: *const hl_clip,
 }
 
 #[repr(C)]
@@ -402,8 +479,11 @@ pub struct hl_camera {
     pub target: [f64; 3],
     pub up: [f64; 3],
     pub fov: f64,
+    pub orbit: [f64; 4],
+    pub centre: [f64; 3],
+    pub distance: f64,
     pub space: i32,
-    pub reserved: i32,
+    pub own_centre: i32,
 }
 
 #[repr(C)]
@@ -426,4 +506,7 @@ pub struct hl_render_info {
     pub seed: u32,
     pub progress: hl_progress_fn,
     pub user: *mut c_void,
+    pub clip: *const hl_clip,
+    pub layers: u32,
+    pub every_block: i32,
 }

@@ -213,6 +213,12 @@ pub(super) fn text<'a>(at: *const c_char) -> Option<&'a CStr> {
     if at.is_null() { None } else { Some(unsafe { CStr::from_ptr(at) }) }
 }
 
+/// A C string as text, or `None` for NULL.
+pub(super) fn words(item: &str, at: *const c_char) -> Result<Option<String>> {
+    let words = text(at).map(|t| t.to_str().map(str::to_owned)).transpose();
+    words.map_err(|_| Fault::invalid(item, "is not UTF-8", "give UTF-8"))
+}
+
 /// A path.
 pub(super) fn path(at: *const c_char) -> Result<PathBuf> {
     let Some(text) = text(at) else { return Err(Fault::invalid("path", "is NULL", "name a file")) };

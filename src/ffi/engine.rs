@@ -1,13 +1,13 @@
 //! `hl_engine_*`, `hl_version`, `hl_last_error`.
 
 use super::abi::*;
-use super::call::{Scope, copy_text, enter, fill, out, put, read, switch, text};
+use super::call::{Scope, copy_text, enter, fill, out, put, read, switch, words};
 use super::fault::{self, Fault, Result};
 use super::handle::{self, Object};
 use super::host::Host;
 use super::log::Log;
 use super::vulkan;
-use crate::engine::{DeviceKind, Engine, Options};
+use crate::engine::{DeviceInfo, DeviceKind, Engine, Options, devices};
 use std::ffi::{CStr, c_char};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -88,10 +88,6 @@ pub unsafe extern "C" fn hl_engine_create(info: *const hl_engine_info, engine: *
 }
 
 fn options(info: &hl_engine_info) -> Result<Options> {
-    let words = |item, at: *const c_char| {
-        let words = text(at).map(|t| t.to_str().map(str::to_owned)).transpose();
-        words.map_err(|_| Fault::invalid(item, "is not UTF-8", "give UTF-8"))
-    };
     Ok(Options {
         device: words("hl_engine_info.device", info.device)?,
         validation: switch("hl_engine_info.validate", info.validate)?,
@@ -120,20 +116,36 @@ pub unsafe extern "C" fn hl_engine_get_device(engine: *const hl_engine, info: *m
     enter(|scope| {
         let engine = scope.engine(engine)?.engine()?;
         fill("hl_device_info", info, |out| {
-            let (device, memory) = (engine.device(), engine.memory());
-            copy_text(&mut out.name, &device.name);
-            copy_text(&mut out.driver, &device.driver);
-            copy_text(&mut out.uuid, &device.uuid);
-            out.kind = match device.kind {
-                DeviceKind::Discrete => 0,
-                DeviceKind::Integrated => 1,
-                DeviceKind::Virtual => 2,
-                DeviceKind::Cpu => 3,
-                DeviceKind::Other => 4,
-            };
-            (out.vulkan_major, out.vulkan_minor) = (device.api_version.0, device.api_version.1);
+            let memory = engine.memory();
+            describe(engine.device(), out);
             out.validation_errors = u32::try_from(engine.validation_errors().len()).unwrap_or(u32::MAX);
             (out.memory_used, out.memory_peak, out.memory_budget) = (memory.used, memory.peak, memory.budget);
         })
     })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_device_get(index: u32, info: *mut hl_device_info) -> hl_status {
+    enter(|_| {
+        let all = devices()?;
+        let Some(device) = all.get(index as usize) else { return Ok(HL_END) };
+        fill("hl_device_info", info, |out| {
+            describe(device, out);
+            out.memory_budget = device.heap_bytes;
+        })
+    })
+}
+
+fn describe(device: &DeviceInfo, out: &mut hl_device_info) {
+    copy_text(&mut out.name, &device.name);
+    copy_text(&mut out.driver, &device.driver);
+    copy_text(&mut out.uuid, &device.uuid);
+    out.kind = match device.kind {
+        DeviceKind::Discrete => 0,
+        DeviceKind::Integrated => 1,
+        DeviceKind::Virtual => 2,
+        DeviceKind::Cpu => 3,
+        DeviceKind::Other => 4,
+    };
+    (out.vulkan_major, out.vulkan_minor) = (device.api_version.0, device.api_version.1);
 }

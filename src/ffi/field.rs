@@ -9,7 +9,7 @@ use super::volume::VolumeCell;
 use crate::engine::{Engine, Field, Lit, Medium};
 use crate::io;
 use crate::scene::visibility::{Method, Wanted};
-use crate::scene::{Light, Visibility};
+use crate::scene::{Clip, Light, Visibility};
 use std::ffi::c_char;
 use std::sync::{Arc, Mutex, Weak};
 
@@ -23,6 +23,8 @@ pub(super) struct FieldCell {
     pub error: Option<[f64; 3]>,
     /// The last light that it was put under.
     lit: Mutex<Option<(Light, Arc<Lit>)>>,
+    /// The last cut that it was looked at through.
+    cut: Mutex<Option<(Clip, Arc<Medium>)>>,
     mapped: Mutex<(u32, Option<Arc<Vec<f32>>>)>,
 }
 
@@ -30,6 +32,7 @@ pub(super) struct FieldCell {
 #[derive(Clone)]
 pub(super) struct Asked {
     pub volume: Weak<VolumeCell>,
+    pub clip: Clip,
     pub settings: Visibility,
     pub wanted: Option<Wanted>,
     /// Whether ratio and bits were left to a plan.
@@ -54,6 +57,7 @@ impl FieldCell {
             asked: asked.clone(),
             error,
             lit: Mutex::default(),
+            cut: Mutex::default(),
             mapped: Mutex::default(),
         })
     }
@@ -63,6 +67,7 @@ impl FieldCell {
         let (old, new) = (self.medium.table(), medium.table());
         let same = self.asked.volume.ptr_eq(&asked.volume)
             && asked.volume.strong_count() > 0
+            && self.asked.clip == asked.clip
             && self.asked.settings == asked.settings
             && self.asked.wanted == asked.wanted
             && self.asked.free == asked.free
@@ -89,6 +94,23 @@ impl FieldCell {
         let lit = Arc::new(engine.relight(&self.field, light)?);
         *kept = Some((*light, lit.clone()));
         Ok(lit)
+    }
+
+    /// The medium that is looked at through a cut; classified anew where the last one was another.
+    pub fn seen(&self, engine: &Engine, clip: &Clip) -> Result<Arc<Medium>> {
+        if *clip == Clip::default() {
+            return Ok(self.medium.clone());
+        }
+        let mut kept = lock(&self.cut);
+        if let Some((last, medium)) = &*kept
+            && last == clip
+        {
+            return Ok(medium.clone());
+        }
+        *kept = None;
+        let medium = Arc::new(engine.cut(&self.medium, clip)?);
+        *kept = Some((clip.clone(), medium.clone()));
+        Ok(medium)
     }
 
     fn read(&self) -> Result<Vec<f32>> {

@@ -1,14 +1,16 @@
 //! `hl_image_*`: pixels in host memory.
 
 use super::abi::*;
-use super::call::{alone, choice, enter, fill, finite, out, put, read};
+use super::call::{alone, choice, enter, fill, finite, out, put, read, switch};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::{Host, lock};
+use super::layers::{self, Layers};
 use super::log::{Borrowed, Release};
 use super::pixels::{self, Layout};
-use crate::io::{self, PictureKind};
-use crate::measure;
+use crate::engine::LAYERS;
+use crate::io::{self, ExrCompression, ExrOptions};
+use crate::measure::{self, flip::Flip};
 use crate::scene::Picture;
 use std::ffi::{c_char, c_void};
 use std::path::Path;
@@ -18,8 +20,16 @@ use std::sync::{Arc, Mutex};
 pub(super) struct ImageCell {
     host: Arc<Host>,
     data: Data,
-    /// How often it is mapped, and what.
-    mapped: Mutex<(u32, Option<Arc<Picture>>)>,
+    pub layers: Option<Layers>,
+    pub mapped: Mutex<Mapped>,
+}
+
+/// How often an image is mapped, and what of it.
+#[derive(Default)]
+pub(super) struct Mapped {
+    pub count: u32,
+    picture: Option<Arc<Picture>>,
+    pub layers: [Option<Arc<Vec<f32>>>; LAYERS.len()],
 }
 
 enum Data {
@@ -37,12 +47,12 @@ impl Object for ImageCell {
 }
 
 impl ImageCell {
-    pub fn new(host: Arc<Host>, picture: Picture) -> Arc<Self> {
-        Self::of(host, Data::Own(Arc::new(picture)))
+    pub fn new(host: Arc<Host>, picture: Picture, layers: Option<Layers>) -> Arc<Self> {
+        Self::of(host, Data::Own(Arc::new(picture)), layers)
     }
 
-    fn of(host: Arc<Host>, data: Data) -> Arc<Self> {
-        Arc::new(Self { host, data, mapped: Mutex::default() })
+    fn of(host: Arc<Host>, data: Data, layers: Option<Layers>) -> Arc<Self> {
+        Arc::new(Self { host, data, layers, mapped: Mutex::default() })
     }
 
     /// The pixels; of borrowed ones a passing copy.
@@ -79,7 +89,7 @@ pub unsafe extern "C" fn hl_image_create(engine: *mut hl_engine, info: *const hl
                 Data::Borrowed(layout, Arc::new(release))
             }
         };
-        out.give(ImageCell::of(host, data))
+        out.give(ImageCell::of(host, data, None))
     })
 }
 
@@ -90,7 +100,7 @@ pub unsafe extern "C" fn hl_image_load(engine: *mut hl_engine, path: *const c_ch
         let host = scope.engine(engine)?;
         let path = super::call::path(path)?;
         let picture = host.log.during(host.id, || load(&path))?;
-        out.give(ImageCell::new(host, picture))
+        out.give(ImageCell::new(host, picture, None))
     })
 }
 
@@ -151,13 +161,14 @@ pub unsafe extern "C" fn hl_image_map(image: *mut hl_image, pixels: *mut *const 
             return Err(Fault::invalid("pixels", "is NULL", "a place for the pointer is needed"));
         }
         let mut mapped = lock(&image.mapped);
-        let picture = match &mapped.1 {
+        let picture = match &mapped.picture {
             Some(picture) => picture.clone(),
             None => image.picture()?,
         };
         put(pixels, picture.rgba.as_ptr().cast());
         put(count, 4 * picture.rgba.len() as u64);
-        *mapped = (mapped.0.saturating_add(1), Some(picture));
+        mapped.picture = Some(picture);
+        mapped.count = mapped.count.saturating_add(1);
         Ok(HL_OK)
     })
 }
@@ -167,40 +178,68 @@ pub unsafe extern "C" fn hl_image_unmap(image: *mut hl_image) -> hl_status {
     enter(|scope| {
         let image = scope.get::<ImageCell>(image)?;
         let mut mapped = lock(&image.mapped);
-        match mapped.0 {
+        match mapped.count {
             0 => return Err(Fault::invalid("image", "is not mapped", "unmap once for each map")),
-            1 => *mapped = (0, None),
-            _ => mapped.0 -= 1,
+            1 => *mapped = Mapped::default(),
+            _ => mapped.count -= 1,
         }
         Ok(HL_OK)
     })
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn hl_image_save(image: *const hl_image, path: *const c_char, exposure: f64) -> hl_status {
+pub unsafe extern "C" fn hl_image_save(image: *const hl_image, path: *const c_char, info: *const hl_save_info) -> hl_status {
     enter(|scope| {
-        let picture = scope.get::<ImageCell>(image)?.picture()?;
-        let path = super::call::path(path)?;
-        finite("exposure", &[exposure])?;
+        let image = scope.get::<ImageCell>(image)?;
+        let (picture, path) = (image.picture()?, super::call::path(path)?);
+        let how = if info.is_null() { Saved::default() } else { Saved::of(&read("hl_save_info", info)?)? };
+        let layers = if how.layers == 0 { Vec::new() } else { layers::channels(layers::of(&image, how.layers)?, how.layers) };
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         match extension.as_str() {
-            "png" => io::write_png(&path, &picture, exposure as f32, &[])?,
-            "exr" => io::write_exr(&path, &picture, &[])?,
+            "png" if how.layers != 0 => return Err(Fault::invalid("hl_save_info.layers", "is set", "only an .exr holds layers")),
+            "png" => io::write_png(&path, &picture, how.exposure as f32, &[])?,
+            "exr" => io::write_exr_layers(&path, &picture, &layers, how.options, &[])?,
             other => return Err(Fault::invalid("path", format_args!("ends in {other:?}"), "a picture is an .exr or .png")),
         }
         Ok(HL_OK)
     })
 }
 
+/// How a picture is saved.
+#[derive(Default)]
+struct Saved {
+    exposure: f64,
+    layers: u32,
+    options: ExrOptions,
+}
+
+impl Saved {
+    fn of(info: &hl_save_info) -> Result<Self> {
+        alone("hl_save_info", info.next)?;
+        finite("hl_save_info.exposure", &[info.exposure])?;
+        let compressions = [
+            (HL_COMPRESSION_ZIP, ExrCompression::Zip),
+            (HL_COMPRESSION_NONE, ExrCompression::None),
+            (HL_COMPRESSION_RLE, ExrCompression::Rle),
+            (HL_COMPRESSION_ZIPS, ExrCompression::Zips),
+            (HL_COMPRESSION_PIZ, ExrCompression::Piz),
+        ];
+        Ok(Self {
+            exposure: info.exposure,
+            layers: layers::bits("hl_save_info.layers", info.layers)?,
+            options: ExrOptions {
+                half: switch("hl_save_info.half", info.half)?,
+                compression: choice("hl_save_info.compression", info.compression, &compressions)?,
+            },
+        })
+    }
+}
+
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_compare(a: *const hl_image, b: *const hl_image, difference: *mut hl_difference) -> hl_status {
     enter(|scope| {
         let (a, b) = (scope.get::<ImageCell>(a)?.picture()?, scope.get::<ImageCell>(b)?.picture()?);
-        let found = measure::compare(&a, &b)?;
-        let flip = match radiance(&b) {
-            PictureKind::Radiance => measure::flip::radiance(&a, &b)?,
-            PictureKind::Display => measure::flip::display(&a, &b)?,
-        };
+        let (found, flip) = (measure::compare(&a, &b)?, flip(&a, &b)?);
         fill("hl_difference", difference, |out| {
             out.relative_rmse = found.relative_rmse.unwrap_or(-1.0);
             out.mean_ratio = found.mean_ratio.unwrap_or(-1.0);
@@ -210,8 +249,20 @@ pub unsafe extern "C" fn hl_image_compare(a: *const hl_image, b: *const hl_image
     })
 }
 
-/// What the numbers of a picture are: beyond 1 they are radiance.
-fn radiance(picture: &Picture) -> PictureKind {
-    let bright = picture.rgba.iter().any(|p| p[..3].iter().any(|&v| v > 1.0));
-    if bright { PictureKind::Radiance } else { PictureKind::Display }
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_image_difference(a: *const hl_image, b: *const hl_image, kind: i32, image: *mut *mut hl_image) -> hl_status {
+    enter(|scope| {
+        let out = out("image", image)?;
+        let cell = scope.get::<ImageCell>(a)?;
+        let (a, b) = (cell.picture()?, scope.get::<ImageCell>(b)?.picture()?);
+        let flipped = choice("kind", kind, &[(HL_DIFFERENCE_SIGNED, false), (HL_DIFFERENCE_FLIP, true)])?;
+        let drawn = if flipped { flip(&a, &b)?.drawn(b.width, b.height) } else { measure::signed(&a, &b)? };
+        out.give(ImageCell::new(cell.host.clone(), drawn, None))
+    })
+}
+
+/// The perceived difference; numbers beyond 1 are radiance.
+fn flip(a: &Picture, b: &Picture) -> Result<Flip> {
+    let bright = b.rgba.iter().any(|p| p[..3].iter().any(|&v| v > 1.0));
+    Ok(if bright { measure::flip::radiance(a, b)? } else { measure::flip::display(a, b)? })
 }

@@ -8,7 +8,7 @@
 //! | `call` | the way in: panics are caught, faults kept, structs read by their size |
 //! | `host` | an engine among threads: turns, callbacks, closing |
 //! | `log` | the host's log and the release of borrowed memory |
-//! | `engine`, `volume`, `matter`, `light`, `image`, `field`, `precompute`, `render`, `job`, `vulkan` | the functions |
+//! | `engine`, `volume`, `matter`, `light`, `image`, `layers`, `field`, `precompute`, `render`, `job`, `vulkan` | the functions |
 #![allow(unsafe_code)]
 #![deny(clippy::undocumented_unsafe_blocks)]
 // What callers must keep to stands in the header, function by function.
@@ -24,6 +24,7 @@ mod handle;
 mod host;
 pub mod image;
 pub mod job;
+pub mod layers;
 pub mod light;
 mod log;
 pub mod matter;
@@ -39,6 +40,7 @@ pub use engine::*;
 pub use field::*;
 pub use image::*;
 pub use job::*;
+pub use layers::*;
 pub use light::*;
 pub use matter::*;
 pub use precompute::*;

@@ -6,7 +6,7 @@ use super::fault::{Fault, Result};
 use super::field::{Asked, FieldCell};
 use super::host::{Host, InUse};
 use super::job::{Body, Job, Progress, Work};
-use super::matter::{TransferCell, matter};
+use super::matter::{TransferCell, clip, matter};
 use super::volume::VolumeCell;
 use crate::engine::{Engine, Field, Medium};
 use crate::io::{self, ReadOptions};
@@ -53,7 +53,13 @@ impl Request {
             return Err(Fault::invalid("hl_precompute_info.measure_seconds", format_args!("is {seconds}"), "it must be above 0"));
         }
         Ok(Self {
-            asked: Asked { volume: Arc::downgrade(&volume), settings, wanted, free: [info.ratio == 0, info.bits == 0] },
+            asked: Asked {
+                volume: Arc::downgrade(&volume),
+                clip: clip(info.clip)?,
+                settings,
+                wanted,
+                free: [info.ratio == 0, info.bits == 0],
+            },
             host,
             volume,
             _transfer: transfer,
@@ -65,6 +71,23 @@ impl Request {
         })
     }
 
+    fn medium(&self, engine: &Engine) -> Result<Medium> {
+        Ok(engine.classify_clipped(&self.volume.device, &self.matter, &self.asked.clip)?)
+    }
+
+    /// What a plan is asked for, if one is.
+    fn plan(&self) -> Option<plan::Request> {
+        let v = &self.asked.settings;
+        self.asked.wanted.map(|wanted| plan::Request {
+            wanted,
+            ratio: (!self.asked.free[0]).then_some(v.ratio),
+            bits: (!self.asked.free[1]).then_some(v.bits),
+            bands: v.bands,
+            cells: v.cells,
+            pixels: None,
+        })
+    }
+
     fn body(self) -> Body {
         Box::new(move |work| self.work(work))
     }
@@ -72,7 +95,7 @@ impl Request {
     fn work(self, work: &mut Work) -> Result<()> {
         let engine = work.engine();
         work.step("classify", 0.0)?;
-        let medium = Arc::new(engine.classify(&self.volume.device, &self.matter)?);
+        let medium = Arc::new(self.medium(&engine)?);
         if let Some(same) = self.previous.as_ref().and_then(|p| p.recoloured(&medium, &self.asked)) {
             let directions = same.field.settings().directions;
             if let Some(error) = same.error {
@@ -82,8 +105,8 @@ impl Request {
             return Ok(());
         }
         let end = if self.measure.is_some() { 0.7 } else { 1.0 };
-        let (field, mut error) = match self.asked.wanted {
-            Some(wanted) => self.planned(work, &engine, &medium, wanted, end)?,
+        let (field, mut error) = match self.plan() {
+            Some(request) => self.planned(work, &engine, &medium, &request, end)?,
             None => {
                 work.part(0.0, end);
                 (self.computed(work, &engine, &medium)?, None)
@@ -122,32 +145,38 @@ impl Request {
         Ok(engine.refine(medium, settings, &mut progress, &mut finished)?)
     }
 
-    /// The cheapest field that keeps a tolerance.
-    fn planned(&self, work: &mut Work, engine: &Engine, medium: &Medium, wanted: Wanted, end: f32) -> Result<(Field, Option<[f64; 3]>)> {
-        let volume = self.volume.volume()?;
-        let v = &self.asked.settings;
-        let request = plan::Request {
-            wanted,
-            ratio: (!self.asked.free[0]).then_some(v.ratio),
-            bits: (!self.asked.free[1]).then_some(v.bits),
-            bands: v.bands,
-            cells: v.cells,
-            pixels: None,
-        };
+    /// The cheapest field that keeps a tolerance, pass by pass if the host wants that.
+    fn planned(
+        &self,
+        work: &mut Work,
+        engine: &Engine,
+        medium: &Arc<Medium>,
+        request: &plan::Request,
+        end: f32,
+    ) -> Result<(Field, Option<[f64; 3]>)> {
+        let volume = self.volume.volume(engine)?;
         work.part(0.0, 0.4 * end);
-        let mut plan = plan::choose(engine, &volume, medium, &request, &mut |_, f| work.tell("plan", f))?;
+        let mut plan = plan::choose(engine, &volume, medium, request, &mut |_, f| work.tell("plan", f))?;
         for reason in &plan.reasons {
             log::info!("{reason}");
         }
         log::info!("plan: {}", plan.chosen());
         work.part(0.4 * end, end);
-        let made = plan.compute(engine, medium, &mut |line| log::info!("{line}"), &mut |stage, f| work.tell(stage, f))?;
+        let work = std::cell::RefCell::new(work);
+        let mut say = |line: &str| log::info!("{line}");
+        let mut progress = |stage, fraction| work.borrow_mut().tell(stage, fraction);
+        let made = match self.progressive {
+            false => plan.compute(engine, medium, &mut say, &mut progress)?,
+            true => plan.refine(engine, medium, &mut say, &mut progress, &mut |pass| {
+                work.borrow().field(FieldCell::new(&self.host, medium, pass.field.clone(), &self.asked, None), pass.directions);
+            })?,
+        };
         let [low, high] = made.error.interval;
         Ok((made.field, Some([made.error.relative_l2, low, high])))
     }
 
     fn measured(&self, work: &mut Work, engine: &Engine, medium: &Medium, field: &Field, seconds: f64) -> Result<[f64; 3]> {
-        let volume = self.volume.volume()?;
+        let volume = self.volume.volume(engine)?;
         let budget = Budget { seconds, field_seconds: Some(f64::INFINITY) };
         let plan = measure::Plan::new(engine, &volume, medium, field.settings(), &budget)?;
         let kept = engine.read_field(field)?;
@@ -244,12 +273,21 @@ pub unsafe extern "C" fn hl_precompute_estimate(
         let request = Request::of(scope, engine, info)?;
         let turn = request.host.turn()?;
         let engine = turn.engine();
-        let medium = engine.classify(&request.volume.device, &request.matter)?;
-        let cost = engine.field_cost(&medium, &request.asked.settings)?;
+        let medium = request.medium(engine)?;
+        let (settings, seconds) = match request.plan() {
+            None => (request.asked.settings.clone(), None),
+            Some(asked) => {
+                let volume = request.volume.volume(engine)?;
+                let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
+                let plan = request.host.log.during(request.host.id, || plan::choose(engine, &volume, &medium, &asked, &mut quiet))?;
+                (plan.settings, Some(plan.seconds))
+            }
+        };
+        let cost = engine.field_cost(&medium, &settings)?;
         let memory = engine.memory();
         fill("hl_estimate", estimate, |out| {
             out.peak = memory.used.saturating_add(cost.kept).saturating_add(cost.passing);
-            (out.result, out.free, out.seconds) = (cost.kept, memory.budget.saturating_sub(memory.used), cost.seconds);
+            (out.result, out.free, out.seconds) = (cost.kept, memory.budget.saturating_sub(memory.used), seconds.unwrap_or(cost.seconds));
         })
     })
 }
@@ -298,7 +336,7 @@ pub unsafe extern "C" fn hl_field_load(
         let file = io::read_nrrd_field(&path, &ReadOptions::default())?;
         let settings = told(&path, &file, grid.dims())?;
         let turn = request.host.turn()?;
-        let medium = Arc::new(turn.engine().classify(&request.volume.device, &request.matter)?);
+        let medium = Arc::new(request.medium(turn.engine())?);
         let loaded = turn.engine().load_field(&grid, &settings, &file.data)?;
         // Not what a precompute was asked for, so that none takes it for its own.
         let asked = Asked { volume: Weak::new(), ..request.asked.clone() };

@@ -2,18 +2,20 @@
 
 use super::abi::*;
 use super::abi_vulkan::hl_vulkan_image;
-use super::call::{Scope, choice, enter, fill, finite, out, read};
+use super::call::{Scope, choice, enter, fill, finite, out, read, switch};
 use super::fault::{Fault, Result};
 use super::field::FieldCell;
 use super::host::{Host, InUse};
 use super::image::ImageCell;
 use super::job::{Body, Job, Progress, Work};
+use super::layers::{self, Layers};
 use super::light::{LightCell, LightState};
+use super::matter::clip;
 use super::vulkan;
-use crate::engine::ReferenceSettings;
+use crate::engine::{Engine, Lit, Medium, ReferenceSettings, surface_layers};
 use crate::scene::camera::{CameraSettings, DEFAULT_FOV_DEGREES, Space};
 use crate::scene::scene::{MAX_SIDE, fill_background};
-use crate::scene::{Background, Camera, ImageSettings, Picture};
+use crate::scene::{Background, Camera, Clip, ImageSettings, Picture};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -26,6 +28,9 @@ struct Request {
     _light: Option<InUse<LightCell>>,
     camera: Camera,
     image: ImageSettings,
+    clip: Clip,
+    /// Bits of the layers that are wanted.
+    layers: u32,
     reference: Option<ReferenceSettings>,
     /// An image of the host's device, in place of one in main memory.
     target: Option<Target>,
@@ -37,6 +42,10 @@ impl Request {
         let host = scope.engine(engine)?;
         let info = read("hl_render_info", info)?;
         let target = target(&info)?;
+        if info.reference > 0.0 && (info.layers != 0 || !info.clip.is_null()) {
+            let right = "a reference picture has no layers and is cut as its field is: give the clip to the precompute";
+            return Err(Fault::invalid("hl_render_info.layers or clip", "is set beside reference", right));
+        }
         let field = scope.get::<FieldCell>(info.field)?;
         let light = scope.optional::<LightCell>(info.light)?.map(InUse::new);
         let image = image(&info)?;
@@ -48,6 +57,8 @@ impl Request {
             _light: light,
             camera,
             image,
+            clip: clip(info.clip)?,
+            layers: layers::bits("hl_render_info.layers", info.layers)?,
             reference: reference(&info)?,
             target,
             field,
@@ -62,7 +73,7 @@ impl Request {
     fn work(self, work: &mut Work) -> Result<()> {
         let engine = work.engine();
         work.step("relight", 0.0)?;
-        let medium = &self.field.medium;
+        let medium = &self.field.seen(&engine, &self.clip)?;
         if let Some(Target(target)) = &self.target {
             let lit = self.field.lit(&engine, &self.light.prepared())?;
             let mut image = vulkan::host_image(target);
@@ -70,23 +81,43 @@ impl Request {
             vulkan::tell(target.handed_back, image.handed_back());
             return Ok(done?);
         }
-        let (mut picture, samples) = match &self.reference {
+        let (mut picture, samples, layers) = match &self.reference {
             Some(settings) => {
                 let sky = self.light.sky()?;
                 let mut progress = |stage, f| work.tell(stage, f);
                 let made = engine.render_reference(medium, &sky, &self.camera, &self.image, settings, &mut progress)?;
                 let e = made.relative_error;
                 work.error([e, e, e]);
-                (made.picture, made.samples)
+                (made.picture, made.samples, None)
             }
             None => {
                 let lit = self.field.lit(&engine, &self.light.prepared())?;
-                (engine.render(medium, &lit, &self.camera, &self.image, &mut |stage, f| work.tell(stage, f))?, 0)
+                work.part(0.0, if self.layers == 0 { 1.0 } else { 0.5 });
+                let mut progress = |stage, f| work.tell(stage, f);
+                let (picture, hits) = engine.render_with_distance(medium, &lit, &self.camera, &self.image, &mut progress)?;
+                let layers = match self.layers {
+                    0 => None,
+                    _ => {
+                        work.part(0.5, 1.0);
+                        Some(self.behind(work, &engine, medium, (&lit, &picture, &hits))?)
+                    }
+                };
+                (picture, 0, layers)
             }
         };
         self.background(&mut picture)?;
-        work.image(ImageCell::new(self.host, picture), samples);
+        work.image(ImageCell::new(self.host, picture, layers), samples);
         Ok(())
+    }
+
+    /// What lies behind the pixels.
+    fn behind(&self, work: &mut Work, engine: &Engine, medium: &Medium, (lit, picture, hits): (&Lit, &Picture, &[f32])) -> Result<Layers> {
+        let mut progress = |stage, f| work.tell(stage, f);
+        let mut behind = engine.aovs(medium, lit, &self.camera, &self.image, hits, &mut progress)?;
+        if let Some(albedo) = medium.surface_albedo() {
+            surface_layers(&mut behind, picture, albedo);
+        }
+        Ok(Layers { bits: self.layers, behind })
     }
 
     fn background(&self, picture: &mut Picture) -> Result<()> {
@@ -113,9 +144,9 @@ fn target(info: &hl_render_info) -> Result<Option<Target>> {
         return Ok(None);
     }
     let image = vulkan::image("hl_render_info.next", info.next)?;
-    if info.background != HL_BACKGROUND_NONE || info.reference != 0.0 {
+    if info.background != HL_BACKGROUND_NONE || info.reference != 0.0 || info.layers != 0 {
         let right = "an image of the host's takes the picture with its coverage alone: lay it over a background there";
-        return Err(Fault::invalid("hl_render_info.background or reference", "is set", right));
+        return Err(Fault::invalid("hl_render_info.background, reference or layers", "is set", right));
     }
     Ok(Some(Target(image)))
 }
@@ -124,13 +155,28 @@ fn camera(info: &hl_camera) -> Result<CameraSettings> {
     let up = if info.up == [0.0; 3] { DVec3::Z } else { DVec3::from(info.up) };
     let spaces = [(HL_CAMERA_FRAME, None), (HL_CAMERA_SIDE, Some(Space::Side)), (HL_CAMERA_WORLD, Some(Space::World))];
     let space = choice("hl_camera.space", info.space, &spaces)?;
+    if !(info.distance.is_finite() && info.distance >= 0.0) {
+        return Err(Fault::invalid("hl_camera.distance", format_args!("is {}", info.distance), "it must be above 0, or 0 for none"));
+    }
+    let [x, y, z, degrees] = info.orbit;
+    let axis = DVec3::new(x, y, z).try_normalize();
+    let orbit = match (info.orbit == [0.0; 4], axis) {
+        (true, _) => None,
+        (false, Some(axis)) if degrees.is_finite() => Some((axis, degrees)),
+        _ => {
+            let right = "an axis that is not 0 and degrees are needed, or all 0";
+            return Err(Fault::invalid("hl_camera.orbit", format_args!("is {:?}", info.orbit), right));
+        }
+    };
     Ok(CameraSettings {
         position: space.map(|_| DVec3::from(info.position)),
         target: space.map(|_| DVec3::from(info.target)),
         up,
         fov_degrees: if info.fov == 0.0 { DEFAULT_FOV_DEGREES } else { info.fov },
         space: space.unwrap_or_default(),
-        ..CameraSettings::default()
+        orbit,
+        centre: switch("hl_camera.own_centre", info.own_centre)?.then(|| DVec3::from(info.centre)),
+        distance: (info.distance != 0.0).then_some(info.distance),
     })
 }
 
@@ -157,6 +203,7 @@ fn image(info: &hl_render_info) -> Result<ImageSettings> {
         height: side("hl_render_info.height", info.height, default.height)?,
         step: if info.step == 0.0 { default.step } else { info.step },
         background,
+        skip: !switch("hl_render_info.every_block", info.every_block)?,
         ..default
     })
 }
@@ -210,13 +257,14 @@ pub unsafe extern "C" fn hl_render_estimate(engine: *mut hl_engine, info: *const
         let turn = request.host.turn()?;
         let engine = turn.engine();
         let lit = request.field.lit(engine, &request.light.prepared())?;
-        let cost = engine.picture_cost(&request.field.medium, &lit, &request.camera, &request.image)?;
+        let medium = request.field.seen(engine, &request.clip)?;
+        let cost = engine.picture_cost(&medium, &lit, &request.camera, &request.image)?;
         let memory = engine.memory();
         fill("hl_estimate", estimate, |out| {
             out.peak = memory.used.saturating_add(cost.passing);
             (out.result, out.free) = (cost.kept, memory.budget.saturating_sub(memory.used));
-            // What a reference picture takes, only its passes tell.
-            out.seconds = if request.reference.is_some() { -1.0 } else { cost.seconds };
+            // What a reference picture takes, only its passes tell; layers have no pilot.
+            out.seconds = if request.reference.is_some() || request.layers != 0 { -1.0 } else { cost.seconds };
         })
     })
 }

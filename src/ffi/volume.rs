@@ -1,18 +1,23 @@
 //! `hl_volume_*`: samples in host memory, copied or borrowed, and on the device.
 
 use super::abi::*;
-use super::call::{choice, enter, finite, out, put, read, switch};
+use super::call::{alone, choice, enter, fill, finite, out, put, read, switch, words};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::Host;
 use super::log::{Borrowed, Release};
 use super::vulkan;
-use crate::engine::DeviceVolume;
-use crate::io::{self, ReadOptions, SampleType};
+use crate::engine::host::SampleType as Stored;
+use crate::engine::{DeviceVolume, Engine};
+use crate::io::info::BINS;
+use crate::io::{self, ReadOptions, SampleType, VolumeInfo};
 use crate::scene::{Grid, Samples, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ffi::c_char;
 use std::sync::Arc;
+
+/// Numbers at a voxel that are taken seriously.
+const MAX_COMPONENTS: u32 = 1 << 16;
 
 /// What a volume's handle stands for.
 pub(super) struct VolumeCell {
@@ -25,8 +30,8 @@ pub(super) struct VolumeCell {
 enum Source {
     Own(Arc<Volume>),
     Borrowed(Layout, Borrowed),
-    /// Only on the device.
-    None,
+    /// Only on the device: it came from an image or a buffer of the host's.
+    Device,
 }
 
 impl Object for VolumeCell {
@@ -39,16 +44,23 @@ impl Object for VolumeCell {
 }
 
 impl VolumeCell {
-    /// The samples in main memory; of borrowed ones a passing copy.
-    pub fn volume(&self) -> Result<Arc<Volume>> {
+    /// The samples in main memory; of those that are borrowed or only on the device a passing copy.
+    pub fn volume(&self, engine: &Engine) -> Result<Arc<Volume>> {
         match &self.source {
             Source::Own(volume) => Ok(volume.clone()),
             Source::Borrowed(layout, memory) => layout.volume(memory.data.cast()).map(Arc::new),
-            Source::None => {
-                let what = "came from the host's device";
-                Err(Fault::invalid("volume", what, "plans and error measurements need samples in main memory"))
-            }
+            Source::Device => Ok(Arc::new(engine.read_volume(&self.device)?)),
         }
+    }
+
+    /// What the samples are like.
+    pub fn described(&self) -> Result<VolumeInfo> {
+        let volume = match &self.source {
+            // No reason to wait for the device.
+            Source::Own(volume) => volume.clone(),
+            _ => self.volume(self.host.turn()?.engine())?,
+        };
+        Ok(io::describe(&volume))
     }
 
     fn new(host: &Arc<Host>, volume: Arc<Volume>, source: Source) -> Result<Arc<Self>> {
@@ -63,6 +75,8 @@ impl VolumeCell {
 struct Layout {
     grid: Grid,
     kind: SampleType,
+    /// Bytes from the first number to the first sample.
+    offset: usize,
     strides: [i64; 3],
     slope: f32,
     intercept: f32,
@@ -90,11 +104,19 @@ impl Layout {
             finite("hl_volume_info.nan_as", &[f64::from(v)])?;
         }
         let slope = if info.slope == 0.0 { 1.0 } else { info.slope };
-        Ok(Self { grid, kind, strides: strides(info, kind)?, slope, intercept: info.intercept, nan_as })
+        let components = info.components.max(1);
+        if info.component >= components || components > MAX_COMPONENTS {
+            let what = format!("is {} of {}", info.component, info.components);
+            return Err(Fault::invalid("hl_volume_info.component", what, "components are counted from 0, and 65536 are taken at most"));
+        }
+        let offset = info.component as usize * kind.bytes() as usize;
+        let strides = strides(info, kind, components)?;
+        Ok(Self { grid, kind, offset, strides, slope, intercept: info.intercept, nan_as })
     }
 
-    /// The samples at `data`, the first of them.
+    /// The samples at `data`, where the first voxel is.
     fn volume(&self, data: *const u8) -> Result<Volume> {
+        let data = data.wrapping_add(self.offset);
         let samples = match self.kind {
             SampleType::U8 => Samples::U8(self.gather(data, |b: [u8; 1]| b[0])?),
             SampleType::I8 => Samples::I16(self.gather(data, |b| i16::from(i8::from_ne_bytes(b)))?),
@@ -158,8 +180,8 @@ fn grid(info: &hl_volume_info) -> Result<Grid> {
 }
 
 /// Bytes between samples; the farthest sample can be addressed.
-fn strides(info: &hl_volume_info, kind: SampleType) -> Result<[i64; 3]> {
-    let each = kind.bytes() as i64;
+fn strides(info: &hl_volume_info, kind: SampleType, components: u32) -> Result<[i64; 3]> {
+    let each = kind.bytes() as i64 * i64::from(components);
     let [nx, ny, _] = info.dims.map(i64::from);
     let wrong =
         || Fault::invalid("hl_volume_info.strides", format_args!("{:?} reach beyond any memory", info.strides), "count them in bytes");
@@ -208,22 +230,46 @@ fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell
     if !info.data.is_null() {
         return Err(Fault::invalid("hl_volume_info.data", "stands beside an image or buffer", "set it to NULL"));
     }
+    if info.components > 1 || info.component > 0 {
+        let right = "an image or a buffer of the host's holds one number a voxel: set both to 0";
+        return Err(Fault::invalid("hl_volume_info.components and component", "are set", right));
+    }
     let source = vulkan::Source::of(info.next)?;
     let (grid, slope) = (grid(info)?, if info.slope == 0.0 { 1.0 } else { info.slope });
     let turn = host.turn()?;
     let rescale = (slope, info.intercept);
     let device = host.log.during(host.id, || source.upload(turn.engine(), info.r#type, &grid, rescale))?;
-    Ok(Arc::new(VolumeCell { host: host.clone(), device, source: Source::None }))
+    Ok(Arc::new(VolumeCell { host: host.clone(), device, source: Source::Device }))
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn hl_volume_load(engine: *mut hl_engine, path: *const c_char, volume: *mut *mut hl_volume) -> hl_status {
+pub unsafe extern "C" fn hl_volume_load(
+    engine: *mut hl_engine,
+    path: *const c_char,
+    info: *const hl_load_info,
+    volume: *mut *mut hl_volume,
+) -> hl_status {
     enter(|scope| {
         let out = out("volume", volume)?;
         let host = scope.engine(engine)?;
         let path = super::call::path(path)?;
-        let read = Arc::new(host.log.during(host.id, || io::read_volume(&path, &ReadOptions::default()))?);
+        let options = if info.is_null() { ReadOptions::default() } else { options(&read("hl_load_info", info)?)? };
+        let read = Arc::new(host.log.during(host.id, || io::read_volume(&path, &options))?);
         out.give(VolumeCell::new(&host, read.clone(), Source::Own(read))?)
+    })
+}
+
+fn options(info: &hl_load_info) -> Result<ReadOptions<'static>> {
+    alone("hl_load_info", info.next)?;
+    finite("hl_load_info.spacing", &info.spacing)?;
+    let nan_as = switch("hl_load_info.replace_nan", info.replace_nan)?.then_some(info.nan_as);
+    finite("hl_load_info.nan_as", &[f64::from(nan_as.unwrap_or(0.0))])?;
+    Ok(ReadOptions {
+        component: words("hl_load_info.component", info.component)?,
+        series: words("hl_load_info.series", info.series)?,
+        spacing: (info.spacing != [0.0; 3]).then_some(info.spacing),
+        nan_as,
+        ..ReadOptions::default()
     })
 }
 
@@ -241,6 +287,44 @@ pub unsafe extern "C" fn hl_volume_get_range(volume: *const hl_volume, dims: *mu
         let volume = scope.get::<VolumeCell>(volume)?;
         put(dims.cast::<[u32; 3]>(), volume.device.grid().dims().map(|n| n as u32));
         put(range.cast::<[f64; 2]>(), volume.device.range().map(f64::from));
+        Ok(HL_OK)
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_volume_get_info(volume: *const hl_volume, info: *mut hl_volume_info) -> hl_status {
+    enter(|scope| {
+        let device = &scope.get::<VolumeCell>(volume)?.device;
+        let map = device.grid().voxel_to_world();
+        fill("hl_volume_info", info, |out| {
+            out.dims = device.grid().dims().map(|n| n as u32);
+            out.r#type = match device.samples() {
+                Stored::U8 => HL_UINT8,
+                Stored::U16 => HL_UINT16,
+                Stored::I8 | Stored::I16 => HL_INT16,
+                Stored::F16 | Stored::F32 => HL_FLOAT32,
+            };
+            out.spacing = device.grid().spacing();
+            let axes = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(|v| v.normalize_or_zero().to_array());
+            out.axes.copy_from_slice(axes.as_flattened());
+            out.origin = map.translation.to_array();
+            (out.slope, out.intercept) = device.rescale();
+        })
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_volume_get_histogram(volume: *const hl_volume, bins: *mut u64, mean: *mut f64) -> hl_status {
+    enter(|scope| {
+        let volume = scope.get::<VolumeCell>(volume)?;
+        if bins.is_null() {
+            return Err(Fault::invalid("bins", "is NULL", "room for 64 numbers is needed"));
+        }
+        let info = volume.described()?;
+        let mut all = [0u64; BINS];
+        all.copy_from_slice(&info.histogram);
+        put(bins.cast::<[u64; BINS]>(), all);
+        put(mean, info.mean);
         Ok(HL_OK)
     })
 }

@@ -11,6 +11,7 @@
 
 use super::picture::comparable;
 use crate::error::{Error, Result};
+use crate::io::png;
 use crate::scene::Picture;
 use serde::Serialize;
 
@@ -292,6 +293,17 @@ fn pooled(map: Vec<f32>, exposures: Option<(f64, f64, usize)>) -> Flip {
         over.map_or(0.0, |&v| f64::from(v))
     };
     Flip { mean: sum / map.len() as f64, max: sorted.last().map_or(0.0, |&v| f64::from(v)), weighted: PERCENTILES.map(at), exposures, map }
+}
+
+impl Flip {
+    /// The map in colours for the eye ([`magma`]); `width` pixels a row.
+    pub fn drawn(&self, width: usize, height: usize) -> Picture {
+        let color = |&e: &f32| {
+            let [r, g, b] = magma(e).map(|v| png::linear(f32::from(v) / 255.0));
+            [r, g, b, 1.0]
+        };
+        Picture { width, height, rgba: self.map.iter().map(color).collect() }
+    }
 }
 
 /// The colour of a difference 0..1 in matplotlib's map "magma" (van der Walt and Smith, CC0), sRGB 0..255: sixteen of its

@@ -18,7 +18,7 @@ pub use field::{Errors, FieldError, errors, field_error};
 pub use frame::{PictureError, Pictured};
 #[cfg(feature = "chart")]
 pub(crate) use frame::{covered_mean, exposed, judged};
-pub use picture::{Difference, compare, relative_rmse};
+pub use picture::{Difference, compare, relative_rmse, signed};
 pub(crate) use probes::draw;
 pub use probes::{near_matter, probes};
 pub use report::{Budget, Plan, Report};

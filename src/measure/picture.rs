@@ -51,6 +51,16 @@ impl Sums {
     }
 }
 
+/// a − b, signed, for programs; coverage 1 everywhere, so that none of it is lost to a background.
+///
+/// # Errors
+/// As [`compare`].
+pub fn signed(a: &Picture, b: &Picture) -> Result<Picture> {
+    comparable(a, b)?;
+    let rgba = a.rgba.iter().zip(&b.rgba).map(|(a, b)| [a[0] - b[0], a[1] - b[1], a[2] - b[2], 1.0]).collect();
+    Ok(Picture { width: b.width, height: b.height, rgba })
+}
+
 /// √mean((a − b)²)/mean(b) over R, G, B of the pixels that `b` covers (coverage above 0). `None` where sizes differ or
 /// nothing is covered.
 pub fn relative_rmse(a: &Picture, b: &Picture) -> Option<f64> {

@@ -285,4 +285,82 @@ mod tests {
         assert_eq!(buffer(Access::Foreign, Access::TransferRead), (5, 2));
         assert_eq!(buffer(Access::TransferRead, Access::Foreign), (2, 5));
     }
+
+    /// What the specification asks of the barriers between another family and ours (Vulkan 1.3, 7.7.4, and 7.3 of chains):
+    /// the first rule that they break.
+    fn broken(barriers: &[vk::ImageMemoryBarrier2<'_>], taking: bool) -> Option<&'static str> {
+        use vk::AccessFlags2 as A;
+        let (stages, memory) = (vk::PipelineStageFlags2::ALL_COMMANDS, A::MEMORY_READ | A::MEMORY_WRITE);
+        let moves = |b: &vk::ImageMemoryBarrier2<'_>| b.src_queue_family_index != b.dst_queue_family_index;
+        let [first, second] = barriers else { return Some("one barrier for the owner and one for the layout") };
+        let (owner, layout) = if taking { (first, second) } else { (second, first) };
+        if !moves(owner) || moves(layout) {
+            return Some("the owner changes first when it is taken, and last when it is given");
+        }
+        if (owner.src_queue_family_index, owner.dst_queue_family_index) != (if taking { (5, 2) } else { (2, 5) }) {
+            return Some("both halves name the same two families");
+        }
+        if owner.old_layout != owner.new_layout {
+            return Some("both halves name the same layouts");
+        }
+        if first.new_layout != second.old_layout {
+            return Some("each begins with the layout that the one before left");
+        }
+        // What the second waits for is what the first has done before.
+        if !(first.dst_stage_mask.contains(second.src_stage_mask) && first.dst_access_mask.contains(second.src_access_mask)) {
+            return Some("one goes on where the other ends");
+        }
+        let outer = if taking { (first.src_stage_mask, first.src_access_mask) } else { (second.dst_stage_mask, second.dst_access_mask) };
+        if outer != (stages, memory) {
+            return Some("whatever the host did is waited for, and whatever it does waits");
+        }
+        let inner = if taking { second.dst_access_mask } else { first.src_access_mask };
+        (inner != A::TRANSFER_WRITE || second.image != first.image).then_some("the copy between them is ours")
+    }
+
+    #[test]
+    fn barriers_to_and_from_another_family_keep_the_rules() {
+        let image = vk::Image::from_raw(7);
+        let other = lent(Some(5), L::GENERAL);
+        for taking in [true, false] {
+            let (from, to) = (Access::Foreign, Access::TransferWrite);
+            let (from, to) = if taking { (from, to) } else { (to, from) };
+            let right = other.of_image(image, 2, from, to);
+            assert_eq!(broken(&right, taking), None);
+            // Sabotage: every single thing that could be wrong is seen.
+            let wrong = |change: &dyn Fn(&mut Vec<vk::ImageMemoryBarrier2<'static>>)| {
+                let mut all = right.clone();
+                change(&mut all);
+                broken(&all, taking)
+            };
+            let owner = usize::from(!taking);
+            let changes: [&dyn Fn(&mut Vec<vk::ImageMemoryBarrier2<'static>>); 9] = [
+                &|b| b.swap(0, 1),
+                &|b| b.truncate(1),
+                &|b| b[owner].src_queue_family_index = 3,
+                &|b| b[owner].dst_queue_family_index = vk::QUEUE_FAMILY_IGNORED,
+                &|b| b[owner].new_layout = L::TRANSFER_SRC_OPTIMAL,
+                &|b| b[1].old_layout = L::UNDEFINED,
+                &|b| b[0].dst_stage_mask = vk::PipelineStageFlags2::COMPUTE_SHADER,
+                &|b| b[0].dst_access_mask = vk::AccessFlags2::NONE,
+                &|b| if taking { b[0].src_access_mask = vk::AccessFlags2::NONE } else { b[1].dst_access_mask = vk::AccessFlags2::NONE },
+            ];
+            for (i, change) in changes.into_iter().enumerate() {
+                assert!(wrong(change).is_some(), "change {i}, taking {taking}");
+            }
+        }
+        // A buffer: families, and everything waits for everything of the other side.
+        let buffer = vk::Buffer::from_raw(9);
+        let all = (vk::PipelineStageFlags2::ALL_COMMANDS, vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE);
+        let take = other.of_buffer(buffer, 2, Access::Foreign, Access::TransferRead);
+        assert_eq!((take.src_stage_mask, take.src_access_mask), all);
+        assert_eq!(
+            (take.buffer, take.offset, take.size, take.dst_access_mask),
+            (buffer, 0, vk::WHOLE_SIZE, vk::AccessFlags2::TRANSFER_READ)
+        );
+        let give = other.of_buffer(buffer, 2, Access::TransferRead, Access::Foreign);
+        assert_eq!((give.dst_stage_mask, give.dst_access_mask), all);
+        let same = lent(None, L::UNDEFINED).of_buffer(buffer, 2, Access::Foreign, Access::TransferRead);
+        assert_eq!((same.src_queue_family_index, same.dst_queue_family_index), (vk::QUEUE_FAMILY_IGNORED, vk::QUEUE_FAMILY_IGNORED));
+    }
 }

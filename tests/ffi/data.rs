@@ -4,6 +4,7 @@ use crate::scenes::*;
 use crate::{Engine, init};
 use halflight::ffi::*;
 use std::ffi::{CString, c_void};
+use std::ptr::null;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The picture of a volume under the defaults.
@@ -160,10 +161,10 @@ fn pictures_go_out_and_in() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| CString::new(folder.path().join(name).to_str().unwrap()).unwrap();
     let mut again = std::ptr::null_mut();
-    ok!(hl_image_save(image, path("a.exr").as_ptr(), 0.0));
+    ok!(hl_image_save(image, path("a.exr").as_ptr(), null()));
     ok!(hl_image_load(engine.0, path("a.exr").as_ptr(), &mut again));
     assert_eq!(pixels(again), all);
-    ok!(hl_image_save(image, path("a.png").as_ptr(), 0.5));
+    ok!(hl_image_save(image, path("a.png").as_ptr(), &hl_save_info { exposure: 0.5, ..init() }));
     let mut difference: hl_difference = init();
     ok!(hl_image_compare(again, image, &mut difference));
     assert!(difference.relative_rmse == 0.0 && difference.flip_mean == 0.0 && (difference.mean_ratio - 1.0).abs() < 1e-12);
@@ -175,8 +176,8 @@ fn pictures_go_out_and_in() {
     assert!(flipped[..160] == all[4 * 40 * 29..] && flipped != all);
     ok!(hl_image_compare(again, image, &mut difference));
     assert!(difference.relative_rmse > 0.1 && difference.flip_mean > 0.01 && difference.largest > 0.1);
-    refused!(HL_ERROR_INVALID, "an .exr or .png", hl_image_save(image, path("a.gif").as_ptr(), 0.0));
-    refused!(HL_ERROR_IO, "no such folder", hl_image_save(image, path("b/a.png").as_ptr(), 0.0));
+    refused!(HL_ERROR_INVALID, "an .exr or .png", hl_image_save(image, path("a.gif").as_ptr(), null()));
+    refused!(HL_ERROR_IO, "no such folder", hl_image_save(image, path("b/a.png").as_ptr(), null()));
     refused!(HL_ERROR_IO, "no such file", hl_image_load(engine.0, path("none.png").as_ptr(), &mut again));
     assert!(again.is_null());
 }

@@ -283,6 +283,66 @@ fn errors_are_measured_and_tolerances_kept() {
 }
 
 #[test]
+fn a_planned_field_gets_better_pass_by_pass() {
+    let engine = Engine::new();
+    // Tight enough for a sweep of more directions than one pass has.
+    let info = hl_precompute_info { tolerance: 0.06, ratio: 4, progressive: 1, ..init() };
+    let info = hl_precompute_info { volume: volume(engine.0, 48), ..info };
+    let mut said: hl_estimate = init();
+    ok!(hl_precompute_estimate(engine.0, &info, &mut said));
+    let mut job = std::ptr::null_mut();
+    ok!(hl_precompute_start(engine.0, &info, &mut job));
+    ok!(hl_job_wait(job, -1.0));
+    let (state, mut field, mut found) = (poll(job), std::ptr::null_mut(), init::<hl_field_info>());
+    ok!(hl_job_get_field(job, &mut field));
+    ok!(hl_field_get_info(field, &mut found));
+    println!(
+        "planned: said {:.2} s and {} bytes; {} passes, method {}, {} directions, error {:.4} of 0.06",
+        said.seconds, said.peak, state.passes, found.method, found.directions, found.error
+    );
+    assert!(said.seconds > 0.0 && said.peak > said.result);
+    assert!(found.error_high <= 0.06 && found.error == state.error && found.directions == state.directions);
+    // A march makes one pass, and so does whatever has no more directions than a first pass.
+    let fewest = if found.method == HL_METHOD_SWEEP && found.directions >= 64 { 2 } else { 1 };
+    assert!(state.passes >= fewest, "{} passes of {} directions", state.passes, found.directions);
+    // The whole at once is the same field.
+    let settled = hl_precompute_info {
+        tolerance: 0.0,
+        method: found.method,
+        ratio: found.ratio,
+        bits: found.bits,
+        directions: found.directions,
+        near_slices: found.near_slices,
+        step: found.step,
+        progressive: 0,
+        ..info
+    };
+    let whole = self::field(engine.0, &settled);
+    assert_eq!(pixels(image(engine.0, &small(whole))), pixels(image(engine.0, &small(field))));
+
+    // Cancelled after its first pass: that stays, and is not called measured.
+    let told = Told { stop_at: AtomicU32::new(u32::MAX), ..Told::default() };
+    let info = hl_precompute_info { progress: Some(progress), user: user(&told), ratio: 1, ..info };
+    ok!(hl_precompute_start(engine.0, &info, &mut job));
+    let begun = Instant::now();
+    while poll(job).passes == 0 && poll(job).status == HL_NOT_READY {
+        assert!(begun.elapsed() < Duration::from_secs(200));
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    ok!(hl_job_cancel(job));
+    // SAFETY: a job of ours.
+    let ended = unsafe { hl_job_wait(job, -1.0) };
+    monotonic(&told);
+    if ended == HL_ERROR_CANCELLED {
+        ok!(hl_job_get_field(job, &mut field));
+        ok!(hl_field_get_info(field, &mut found));
+        assert!(found.error < 0.0 && pixels(image(engine.0, &small(field))).iter().any(|&v| v > 0.1));
+    } else {
+        assert_eq!(ended, HL_OK);
+    }
+}
+
+#[test]
 fn a_reference_picture_knows_its_own_error() {
     let engine = Engine::new();
     // A cell a voxel: coarser ones would be seen.

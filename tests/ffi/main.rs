@@ -26,6 +26,7 @@ mod jobs;
 mod life;
 mod misuse;
 mod same;
+mod scene_keys;
 mod scenes;
 
 use halflight::ffi::*;

@@ -19,6 +19,7 @@ fn with_handle(engine: *mut hl_engine, h: *mut c_void) -> Vec<(&'static str, i32
     let (mut number, mut w, mut numbers) = (0u64, 0u32, [0f64; 48]);
     let (mut map, mut state, mut timing) = (null(), init::<hl_job_state>(), init::<hl_timing>());
     let (mut estimate, mut field_info, mut difference) = (init::<hl_estimate>(), init::<hl_field_info>(), init::<hl_difference>());
+    let (mut described, mut bins, mut layer) = (init::<hl_volume_info>(), [0u64; 64], [0f32; 4]);
     let pixels = [0f32; 4];
     let image_info = hl_image_info { data: pixels.as_ptr().cast(), width: 1, height: 1, ..init() };
     let axis = [0.0, 0.0, 1.0];
@@ -30,7 +31,11 @@ fn with_handle(engine: *mut hl_engine, h: *mut c_void) -> Vec<(&'static str, i32
             ("hl_engine_get_device", hl_engine_get_device(h.cast(), &mut device)),
             ("hl_vulkan_get_family", hl_vulkan_get_family(h.cast(), &mut w)),
             ("hl_volume_create", hl_volume_create(h.cast(), &volume_info(&data, 4), &mut v)),
-            ("hl_volume_load", hl_volume_load(h.cast(), c"none.nrrd".as_ptr(), &mut v)),
+            ("hl_volume_load", hl_volume_load(h.cast(), c"none.nrrd".as_ptr(), null(), &mut v)),
+            ("hl_volume_get_info", hl_volume_get_info(h.cast(), &mut described)),
+            ("hl_volume_get_histogram", hl_volume_get_histogram(h.cast(), bins.as_mut_ptr(), numbers.as_mut_ptr())),
+            ("hl_transfer_load", hl_transfer_load(h.cast(), c"none.json".as_ptr(), null(), &mut t)),
+            ("hl_transfer_guess", hl_transfer_guess(h.cast(), &mut t)),
             ("hl_volume_get_range", hl_volume_get_range(h.cast(), &mut w, numbers.as_mut_ptr())),
             ("hl_transfer_create", hl_transfer_create(h.cast(), null(), &mut t)),
             ("hl_transfer_set", hl_transfer_set(h.cast(), &init())),
@@ -44,7 +49,10 @@ fn with_handle(engine: *mut hl_engine, h: *mut c_void) -> Vec<(&'static str, i32
             ("hl_image_read", hl_image_read(h.cast(), HL_RGBA32F, 0.0, numbers.as_mut_ptr().cast(), 0, 16)),
             ("hl_image_map", hl_image_map(h.cast(), &mut map, &mut number)),
             ("hl_image_unmap", hl_image_unmap(h.cast())),
-            ("hl_image_save", hl_image_save(h.cast(), c"/nowhere/a.png".as_ptr(), 0.0)),
+            ("hl_image_save", hl_image_save(h.cast(), c"/nowhere/a.png".as_ptr(), null())),
+            ("hl_image_read_layer", hl_image_read_layer(h.cast(), HL_LAYER_OPACITY, layer.as_mut_ptr(), 1)),
+            ("hl_image_map_layer", hl_image_map_layer(h.cast(), HL_LAYER_OPACITY, &mut map, &mut number)),
+            ("hl_image_difference", hl_image_difference(h.cast(), h.cast(), HL_DIFFERENCE_FLIP, &mut i)),
             ("hl_image_compare", hl_image_compare(h.cast(), h.cast(), &mut difference)),
             ("hl_job_poll", hl_job_poll(h.cast(), &mut state)),
             ("hl_job_wait", hl_job_wait(h.cast(), 0.0)),
@@ -115,7 +123,15 @@ fn wrong_handles_are_found_out() {
     refused!(HL_ERROR_HANDLE, "it was destroyed", hl_transfer_destroy(other));
 
     // No function is left out.
-    let free = ["hl_version", "hl_status_name", "hl_last_error", "hl_engine_create", "hl_vulkan_get_requirement", "hl_vulkan_check"];
+    let free = [
+        "hl_device_get",
+        "hl_version",
+        "hl_status_name",
+        "hl_last_error",
+        "hl_engine_create",
+        "hl_vulkan_get_requirement",
+        "hl_vulkan_check",
+    ];
     let covered: BTreeSet<&str> =
         with_handle(engine.0, null_mut()).iter().chain(&destroyers(null_mut())).map(|a| a.0).chain(free).collect();
     assert_eq!(covered, SYMBOLS.lines().collect());
@@ -144,7 +160,17 @@ fn missing_places_and_structs_are_found_out() {
             ("volume", hl_volume_create(e, &volume_info(&data, 4), null_mut())),
             ("volume info", hl_volume_create(e, null(), &mut null_mut())),
             ("volume data", hl_volume_create(e, &hl_volume_info { data: null(), ..volume_info(&data, 4) }, &mut null_mut())),
-            ("volume path", hl_volume_load(e, null(), &mut null_mut())),
+            ("volume path", hl_volume_load(e, null(), null(), &mut null_mut())),
+            ("loaded volume", hl_volume_load(e, c"v.nrrd".as_ptr(), null(), null_mut())),
+            ("volume description", hl_volume_get_info(volume, null_mut())),
+            ("histogram", hl_volume_get_histogram(volume, null_mut(), null_mut())),
+            ("transfer path", hl_transfer_load(e, null(), null(), &mut null_mut())),
+            ("loaded transfer", hl_transfer_load(e, c"t.json".as_ptr(), null(), null_mut())),
+            ("guess", hl_transfer_guess(volume, null_mut())),
+            ("listed device", hl_device_get(0, null_mut())),
+            ("layer", hl_image_read_layer(image, HL_LAYER_OPACITY, null_mut(), 1)),
+            ("layer map", hl_image_map_layer(image, HL_LAYER_OPACITY, null_mut(), null_mut())),
+            ("difference", hl_image_difference(image, image, HL_DIFFERENCE_FLIP, null_mut())),
             ("transfer", hl_transfer_create(e, null(), null_mut())),
             ("points", hl_transfer_create(e, &hl_transfer_info { count: 2, ..init() }, &mut null_mut())),
             ("light", hl_light_create(e, null(), null_mut())),
@@ -159,7 +185,7 @@ fn missing_places_and_structs_are_found_out() {
             ("image path", hl_image_load(e, null(), &mut null_mut())),
             ("pixels", hl_image_read(image, HL_RGBA32F, 0.0, null_mut(), 0, 1 << 20)),
             ("map", hl_image_map(image, null_mut(), null_mut())),
-            ("save", hl_image_save(image, null(), 0.0)),
+            ("save", hl_image_save(image, null(), null())),
             ("compare", hl_image_compare(image, image, null_mut())),
             ("poll", hl_job_poll(job, null_mut())),
             ("job's field", hl_job_get_field(job, null_mut())),
@@ -205,7 +231,7 @@ fn structs_of_other_versions_are_read_by_their_size() {
     later.now.struct_size = size_of::<Later>() as u32;
     ok!(hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     later.more[2] = 1;
-    refused!(HL_ERROR_INVALID, "beyond the 136 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
+    refused!(HL_ERROR_INVALID, "beyond the 144 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     assert!(field.is_null());
     // Shorter, as of an earlier one: the rest is zero, whatever stands there.
     let mut earlier = quick(volume);
@@ -237,6 +263,14 @@ fn values_out_of_range_are_refused_with_a_sentence() {
     let good = field(engine.0, &quick(volume));
     let (mut field, mut image, mut made, mut light) = (null_mut(), null_mut(), null_mut(), null_mut());
     let base = quick(volume);
+    let zeros = [0f64; 4];
+    let upside_down = hl_clip { low: [0.5; 3], high: [0.25; 3], ..init() };
+    let no_box = hl_clip { high: [f64::NAN, 1.0, 1.0], ..init() };
+    let flat = hl_clip { planes: zeros.as_ptr(), plane_count: 1, ..init() };
+    let no_planes = hl_clip { plane_count: 1, ..init() };
+    let many = hl_clip { plane_count: 11, ..init() };
+    let nowhere = hl_clip { space: 2, ..init() };
+    let sizeless = hl_clip { struct_size: 0, ..init() };
     let cases: Vec<(&str, hl_precompute_info)> = vec![
         ("visibility.ratio", hl_precompute_info { ratio: 3, ..base }),
         ("hl_precompute_info.ratio: is -4", hl_precompute_info { ratio: -4, ..base }),
@@ -252,6 +286,13 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("hl_precompute_info.quality", hl_precompute_info { quality: 4, ..base }),
         ("hl_precompute_info.jittered: is 2", hl_precompute_info { jittered: 2, ..base }),
         ("hl_precompute_info.measure_seconds", hl_precompute_info { measure: 1, measure_seconds: f64::INFINITY, ..base }),
+        ("clip.box", hl_precompute_info { clip: &raw const upside_down, ..base }),
+        ("clip.box", hl_precompute_info { clip: &raw const no_box, ..base }),
+        ("clip.planes", hl_precompute_info { clip: &raw const flat, ..base }),
+        ("hl_clip.planes: is NULL", hl_precompute_info { clip: &raw const no_planes, ..base }),
+        ("hl_clip.plane_count: is 11", hl_precompute_info { clip: &raw const many, ..base }),
+        ("hl_clip.space: is 2", hl_precompute_info { clip: &raw const nowhere, ..base }),
+        ("hl_clip: struct_size is 0", hl_precompute_info { clip: &raw const sizeless, ..base }),
     ];
     for (words, info) in cases {
         refused!(HL_ERROR_INVALID, words, hl_precompute(engine.0, &info, &mut field));
@@ -274,6 +315,16 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("hl_render_info.background", hl_render_info { background: 3, ..base }),
         ("background_color", hl_render_info { background: HL_BACKGROUND_COLOR, background_color: [f32::NAN; 3], ..base }),
         ("hl_render_info.reference", hl_render_info { reference: -1.0, ..base }),
+        ("hl_camera.orbit", camera(hl_camera { orbit: [0.0, 0.0, 0.0, 30.0], ..zero })),
+        ("hl_camera.orbit", camera(hl_camera { orbit: [0.0, 0.0, 1.0, f64::NAN], ..zero })),
+        ("hl_camera.own_centre: is 3", camera(hl_camera { own_centre: 3, ..zero })),
+        ("hl_camera.distance: is -1", camera(hl_camera { distance: -1.0, ..zero })),
+        ("camera.position", camera(hl_camera { own_centre: 1, centre: [f64::NAN; 3], orbit: [0.0, 0.0, 1.0, 9.0], ..zero })),
+        ("hl_render_info.every_block: is 2", hl_render_info { every_block: 2, ..base }),
+        ("hl_render_info.layers: is 64", hl_render_info { layers: 64, ..base }),
+        ("beside reference", hl_render_info { layers: HL_LAYER_DEPTH, reference: 0.1, ..base }),
+        ("beside reference", hl_render_info { clip: &raw const nowhere, reference: 0.1, ..base }),
+        ("hl_clip.space: is 2", hl_render_info { clip: &raw const nowhere, ..base }),
     ];
     for (words, info) in cases {
         refused!(HL_ERROR_INVALID, words, hl_render(engine.0, &info, &mut image));
@@ -290,6 +341,9 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("must be finite", hl_volume_info { spacing: [f64::NAN, 1.0, 1.0], ..base }),
         ("span no volume", hl_volume_info { axes: [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0], ..base }),
         ("slope", hl_volume_info { slope: f32::INFINITY, ..base }),
+        ("hl_volume_info.component: is 3 of 3", hl_volume_info { components: 3, component: 3, ..base }),
+        ("hl_volume_info.component: is 1 of 0", hl_volume_info { component: 1, ..base }),
+        ("hl_volume_info.component", hl_volume_info { components: u32::MAX, ..base }),
     ];
     for (words, info) in cases {
         refused!(HL_ERROR_INVALID, words, hl_volume_create(engine.0, &info, &mut made));

@@ -12,7 +12,7 @@ use std::path::Path;
 const POINTS: [[f64; 5]; 3] = [[30.0, 0.9, 0.4, 0.2, 0.0], [90.0, 0.3, 0.8, 0.5, 0.12], [200.0, 0.8, 0.8, 0.9, 0.5]];
 
 /// Renders with the command: linear pixels.
-fn by_command(folder: &Path, scene: &str) -> Vec<f32> {
+pub fn by_command(folder: &Path, scene: &str) -> Vec<f32> {
     std::fs::write(folder.join("scene.toml"), scene).unwrap();
     let out = std::process::Command::new(env!("CARGO_BIN_EXE_halflight"))
         .current_dir(folder)

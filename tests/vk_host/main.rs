@@ -4,6 +4,8 @@ mod host;
 mod kernels;
 mod ledger;
 mod pictures;
+#[cfg(feature = "capi")]
+mod through_c;
 mod volumes;
 mod work;
 

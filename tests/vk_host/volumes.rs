@@ -64,6 +64,10 @@ fn cases() -> Vec<(SampleType, vk::Format, Vec<u8>, Volume)> {
     ]
 }
 
+fn values(volume: &Volume) -> Vec<u32> {
+    (0..volume.samples().len()).map(|i| volume.value(i).to_bits()).collect()
+}
+
 fn matter() -> Matter {
     let points = [[0.0, 0.9, 0.4, 0.2, 0.0], [0.3, 0.9, 0.4, 0.2, 0.0], [0.5, 0.3, 0.8, 0.9, 0.3], [1.0, 1.0, 1.0, 1.0, 2.0]];
     Matter { transfer: Transfer::from_points(&points, Kind::Extinction, Reference::World).unwrap(), surface: None }
@@ -92,6 +96,9 @@ fn images_and_buffers_of_every_type_give_the_same_volume() {
         assert!(image.handed_back() && clock.reaches(4));
         assert_eq!(image.parts().layout, vk::ImageLayout::TRANSFER_DST_OPTIMAL.as_raw());
         assert_eq!(brought.range(), straight.range(), "{format:?}");
+        // Read back, it is what it was.
+        assert_eq!(values(&engine.read_volume(&brought).unwrap()), values(&volume), "{format:?}");
+        assert!(ours.read_volume(&straight).unwrap() == volume, "{format:?}");
         assert_eq!(engine.read_ranges(&brought).unwrap(), occupancy::ranges(&volume), "{format:?}");
         assert!(same_bits(&frame(&engine, &brought, &matter()), &expected), "{format:?}");
 

@@ -126,15 +126,23 @@ fn parse(path: &Path, text: &str) -> Result<(&'static str, Vec<Named>)> {
 pub fn read_transfer(path: &Path, options: &TransferOptions) -> Result<Transfer> {
     check_range("data range", options.data_range)?;
     check_range("transfer range", options.range.unwrap_or([0.0, 1.0]))?;
+    read_preset(path, options.name.as_deref())?.transfer(path, options.range, options.data_range, options.reference)
+}
+
+/// The preset of that name in a file, or the only one; what of it is lost is logged.
+///
+/// # Errors
+/// As [`read_transfer`].
+pub fn read_preset(path: &Path, name: Option<&str>) -> Result<Preset> {
     let (format, presets) = read_presets(path)?;
-    let preset = choose(path, presets, options.name.as_deref())?;
+    let preset = choose(path, presets, name)?;
     for lost in &preset.lost {
         log::warn!("{}: {format} preset '{}': {lost}", shown(path), quote(&preset.name));
     }
     for lost in &preset.shading {
         log::info!("{}: {format} preset '{}': {lost}", shown(path), quote(&preset.name));
     }
-    preset.transfer(path, options.range, options.data_range, options.reference)
+    Ok(preset)
 }
 
 /// Refuses a range that is not finite or descends.

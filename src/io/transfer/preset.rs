@@ -135,8 +135,11 @@ impl Preset {
         wider
     }
 
-    /// The transfer function over data of `data_range`, or laid on `range`.
-    pub(super) fn transfer(&self, path: &Path, range: Option<[f64; 2]>, data_range: [f64; 2], reference: Reference) -> Result<Transfer> {
+    /// The transfer function over data of `data_range`, or laid on `range`; `path` is what errors name.
+    ///
+    /// # Errors
+    /// [`Error::Format`] where its points are no transfer function.
+    pub fn transfer(&self, path: &Path, range: Option<[f64; 2]>, data_range: [f64; 2], reference: Reference) -> Result<Transfer> {
         let placed = match range.or(self.relative.then_some(data_range)) {
             Some(range) => &self.on(range),
             None => self,
