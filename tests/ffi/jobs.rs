@@ -227,37 +227,47 @@ fn edits_redo_what_depends_on_them() {
     assert!(worst < 2e-3, "{worst}");
 }
 
+/// Whatever else runs on the machine makes a try slower, none faster.
+const TRIES: u32 = 5;
+
 #[test]
 fn costs_are_said_beforehand() {
     let engine = Engine::new();
     let volume = volume(engine.0, 48);
     for method in [HL_METHOD_SWEEP, HL_METHOD_MARCH, HL_METHOD_HIERARCHICAL] {
         let info = hl_precompute_info { method, directions: 256, ..quick(volume) };
-        let mut said: hl_estimate = init();
-        ok!(hl_precompute_estimate(engine.0, &info, &mut said));
-        let mut job = std::ptr::null_mut();
-        ok!(hl_precompute_start(engine.0, &info, &mut job));
-        ok!(hl_job_wait(job, -1.0));
-        let state = poll(job);
+        let (mut said, mut took) = (init::<hl_estimate>(), f64::INFINITY);
+        let mut promised = f64::INFINITY;
+        for _ in 0..TRIES {
+            ok!(hl_precompute_estimate(engine.0, &info, &mut said));
+            promised = promised.min(said.seconds);
+            let mut job = std::ptr::null_mut();
+            ok!(hl_precompute_start(engine.0, &info, &mut job));
+            ok!(hl_job_wait(job, -1.0));
+            took = took.min(poll(job).device_seconds);
+        }
         let mut device: hl_device_info = init();
         ok!(hl_engine_get_device(engine.0, &mut device));
         println!(
-            "method {method}: said {:.3} s and {} bytes at most, took {:.3} s and {} bytes (most of all so far)",
-            said.seconds, said.peak, state.device_seconds, device.memory_peak
+            "method {method}: said {promised:.3} s and {} bytes at most, took {took:.3} s and {} bytes (most of all so far)",
+            said.peak, device.memory_peak
         );
-        let ratio = state.device_seconds / said.seconds;
-        assert!((0.2..5.0).contains(&ratio), "{ratio}");
+        assert!((0.2..5.0).contains(&(took / promised)), "{}", took / promised);
         assert!(said.peak > said.result && said.result > 0 && said.free > said.peak);
     }
     let field = field(engine.0, &quick(volume));
     let view = hl_render_info { width: 320, height: 240, ..small(field) };
-    let mut said: hl_estimate = init();
-    ok!(hl_render_estimate(engine.0, &view, &mut said));
-    let mut job = std::ptr::null_mut();
-    ok!(hl_render_start(engine.0, &view, &mut job));
-    ok!(hl_job_wait(job, -1.0));
-    println!("picture: said {:.4} s, took {:.4} s", said.seconds, poll(job).device_seconds);
-    assert!((0.2..5.0).contains(&(poll(job).device_seconds / said.seconds)) && said.result == 320 * 240 * 16);
+    let (mut said, mut took, mut promised) = (init::<hl_estimate>(), f64::INFINITY, f64::INFINITY);
+    for _ in 0..TRIES {
+        ok!(hl_render_estimate(engine.0, &view, &mut said));
+        promised = promised.min(said.seconds);
+        let mut job = std::ptr::null_mut();
+        ok!(hl_render_start(engine.0, &view, &mut job));
+        ok!(hl_job_wait(job, -1.0));
+        took = took.min(poll(job).device_seconds);
+    }
+    println!("picture: said {promised:.4} s, took {took:.4} s");
+    assert!((0.2..5.0).contains(&(took / promised)) && said.result == 320 * 240 * 16);
 }
 
 #[test]
@@ -285,8 +295,8 @@ fn errors_are_measured_and_tolerances_kept() {
 #[test]
 fn a_planned_field_gets_better_pass_by_pass() {
     let engine = Engine::new();
-    // Tight enough for a sweep of more directions than one pass has.
-    let info = hl_precompute_info { tolerance: 0.06, ratio: 4, progressive: 1, ..init() };
+    // Tight enough for a sweep of more directions than a first pass has.
+    let info = hl_precompute_info { tolerance: 0.02, ratio: 4, progressive: 1, ..init() };
     let info = hl_precompute_info { volume: volume(engine.0, 48), ..info };
     let mut said: hl_estimate = init();
     ok!(hl_precompute_estimate(engine.0, &info, &mut said));
@@ -297,14 +307,12 @@ fn a_planned_field_gets_better_pass_by_pass() {
     ok!(hl_job_get_field(job, &mut field));
     ok!(hl_field_get_info(field, &mut found));
     println!(
-        "planned: said {:.2} s and {} bytes; {} passes, method {}, {} directions, error {:.4} of 0.06",
+        "planned: said {:.2} s and {} bytes; {} passes, method {}, {} directions, error {:.4} of 0.02",
         said.seconds, said.peak, state.passes, found.method, found.directions, found.error
     );
     assert!(said.seconds > 0.0 && said.peak > said.result);
-    assert!(found.error_high <= 0.06 && found.error == state.error && found.directions == state.directions);
-    // A march makes one pass, and so does whatever has no more directions than a first pass.
-    let fewest = if found.method == HL_METHOD_SWEEP && found.directions >= 64 { 2 } else { 1 };
-    assert!(state.passes >= fewest, "{} passes of {} directions", state.passes, found.directions);
+    assert!(found.error_high <= 0.02 && found.error == state.error && found.directions == state.directions);
+    assert!(found.method == HL_METHOD_SWEEP && found.directions >= 64 && state.passes >= 2, "{} passes", state.passes);
     // The whole at once is the same field.
     let settled = hl_precompute_info {
         tolerance: 0.0,

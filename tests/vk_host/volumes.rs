@@ -98,7 +98,7 @@ fn images_and_buffers_of_every_type_give_the_same_volume() {
         assert_eq!(brought.range(), straight.range(), "{format:?}");
         // Read back, it is what it was.
         assert_eq!(values(&engine.read_volume(&brought).unwrap()), values(&volume), "{format:?}");
-        assert!(ours.read_volume(&straight).unwrap() == volume, "{format:?}");
+        assert_eq!(ours.read_volume(&straight).unwrap().samples(), volume.samples(), "{format:?}");
         assert_eq!(engine.read_ranges(&brought).unwrap(), occupancy::ranges(&volume), "{format:?}");
         assert!(same_bits(&frame(&engine, &brought, &matter()), &expected), "{format:?}");
 
