@@ -14,7 +14,8 @@
  *           finished images, and hl_last_error never wait for the device.
  * Jobs.     What a running job (or blocking call) reads cannot be changed meanwhile: HL_ERROR_BUSY. It can be destroyed.
  * Callbacks run on the thread of the call or of the job. Within one, of the same engine only hl_job_poll, _cancel,
- *           _timing, _get_field, _get_image and hl_last_error work; all else returns HL_ERROR_REENTRANT.
+ *           _timing, _get_field, _get_image and hl_last_error work (and hl_job_wait of 0 seconds, a look); all else on it
+ *           returns HL_ERROR_REENTRANT. Other engines may be used.
  * Units.    World coordinates are the data's own units; voxel i covers i..i+1. Radiance is linear RGB. Angles: degrees.
  *
  * C99 or C++. Layouts are those of the platform's C ABI; HL_ABI counts incompatible changes of them. */
@@ -447,7 +448,7 @@ typedef struct hl_precompute_info {
     int32_t jittered;          /* 1: the paper's patterns in place of one even set */
     int32_t near_slices;       /* sweep; 0: 1 */
     int32_t all_cells;         /* 1: also cells far from matter */
-    int32_t progressive;       /* 1: results after every pass (sweep, also a planned one); other methods make one pass */
+    int32_t progressive;       /* 1: results after every pass (sweep; a planned field that missed begins anew); else one */
     float growth;              /* hierarchical; 0: 0.25 */
     float step;                /* voxels; 0: 1 */
     double tolerance;          /* above 0: method, directions, near_slices, step (and ratio, bits where 0) by measuring */

@@ -268,7 +268,7 @@ fn numpy_sees_the_picture() {
 }
 
 #[test]
-#[ignore = "builds the crate anew; needs cargo-c (cargo install cargo-c)"]
+#[ignore = "builds the crate anew, which takes minutes; needs cargo-c (cargo install cargo-c)"]
 fn cargo_c_installs_what_a_host_needs() {
     let prefix = tempfile::tempdir().unwrap();
     let mut install = Command::new(env!("CARGO"));
@@ -279,14 +279,47 @@ fn cargo_c_installs_what_a_host_needs() {
     {
         assert!(prefix.path().join(file).exists(), "{file} is not there");
     }
-    let build = prefix.path().join("build");
-    std::fs::create_dir(&build).unwrap();
-    for file in std::fs::read_dir(Path::new(ROOT).join("examples/c")).unwrap().flatten() {
-        std::fs::copy(file.path(), build.join(file.file_name())).unwrap();
+    let installed = prefix.path().join("lib/libhalflight.so.0");
+    let out = done(Command::new("nm").args(["-D", "--defined-only", "--format=posix"]).arg(&installed));
+    let text = String::from_utf8(out.stdout).unwrap();
+    let names: BTreeSet<&str> = text.lines().filter_map(|l| l.split(' ').next()).collect();
+    assert_eq!(names, include_str!("ffi/symbols.txt").lines().collect());
+    let packages = prefix.path().join("lib/pkgconfig");
+    let out = done(Command::new("pkg-config").args(["--modversion", "halflight"]).env("PKG_CONFIG_PATH", &packages));
+    assert_eq!(String::from_utf8_lossy(&out.stdout).trim(), env!("CARGO_PKG_VERSION"));
+    // All examples, by their own Makefile, as C and as C++; each says and writes what it should.
+    let volume = volume();
+    let mut pictures = Vec::new();
+    for (name, variables) in [("c", &[][..]), ("cpp", &["CC=g++", "CFLAGS=-x c++ -O1 -Wall -Wextra -Werror"])] {
+        let build = prefix.path().join(name);
+        std::fs::create_dir(&build).unwrap();
+        for file in std::fs::read_dir(Path::new(ROOT).join("examples/c")).unwrap().flatten() {
+            std::fs::copy(file.path(), build.join(file.file_name())).unwrap();
+        }
+        done(Command::new("make").args(["-s", "-C"]).arg(&build).args(variables).env("PKG_CONFIG_PATH", &packages));
+        for (program, last) in [("minimal", "minimal.png"), ("progressive", ""), ("host_device", "host.png")] {
+            let out = build.join(last);
+            let mut run = Command::new(build.join(program));
+            run.args(arguments(&volume, out.to_str().unwrap())).env("HOST_DEVICE_VALIDATE", "1");
+            let said = done(run.env("LD_LIBRARY_PATH", prefix.path().join("lib")));
+            assert!(said.stderr.is_empty(), "{}", String::from_utf8_lossy(&said.stderr));
+        }
+        pictures.extend(["minimal.png", "host.png"].map(|p| picture(&build.join(p))));
+        // Blue, as the transfer function was edited to be.
+        assert!(picture(&build.join("light-5.png")).rgba.iter().any(|p| p[2] > 0.2 && p[2] > 2.0 * p[0]));
     }
-    done(Command::new("make").arg("-C").arg(&build).env("PKG_CONFIG_PATH", prefix.path().join("lib/pkgconfig")));
-    let out = prefix.path().join("out.png");
-    let mut minimal = Command::new(build.join("minimal"));
-    done(minimal.args(arguments(&volume(), out.to_str().unwrap())).env("LD_LIBRARY_PATH", prefix.path().join("lib")));
-    assert!(picture(&out).rgba.iter().any(|p| p[3] > 0.5));
+    assert!(pictures.iter().all(|p| *p == pictures[0]) && pictures[0].rgba.iter().any(|p| p[3] > 0.5));
+    // The static library, with what pkg-config says that it needs.
+    let flags = done(Command::new("pkg-config").args(["--static", "--libs", "--cflags", "halflight"]).env("PKG_CONFIG_PATH", &packages));
+    let flags = String::from_utf8(flags.stdout).unwrap().replace("-lhalflight", "-l:libhalflight.a");
+    let mut build = Command::new("cc");
+    build.arg(prefix.path().join("c/minimal.c")).args(flags.split_whitespace()).arg("-o").arg(prefix.path().join("static"));
+    done(&mut build);
+    let out = prefix.path().join("static.png");
+    done(Command::new(prefix.path().join("static")).args(arguments(&volume, out.to_str().unwrap())));
+    assert!(picture(&out) == pictures[0]);
+    // To be looked at.
+    if let Some(keep) = std::env::var_os("KEEP") {
+        done(Command::new("cp").arg("-r").arg(prefix.path()).arg(keep));
+    }
 }

@@ -284,9 +284,11 @@ pub unsafe extern "C" fn hl_precompute_estimate(
             }
         };
         let cost = engine.field_cost(&medium, &settings)?;
+        // The last pass stays while the next is made.
+        let fields = if request.progressive && settings.method == Method::Sweep { 2 } else { 1 };
         let memory = engine.memory();
         fill("hl_estimate", estimate, |out| {
-            out.peak = memory.used.saturating_add(cost.kept).saturating_add(cost.passing);
+            out.peak = memory.used.saturating_add(fields * cost.kept).saturating_add(cost.passing);
             (out.result, out.free, out.seconds) = (cost.kept, memory.budget.saturating_sub(memory.used), seconds.unwrap_or(cost.seconds));
         })
     })

@@ -22,6 +22,7 @@ macro_rules! refused {
 }
 
 mod data;
+mod everywhere;
 mod jobs;
 mod life;
 mod misuse;
