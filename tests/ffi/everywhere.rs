@@ -161,7 +161,8 @@ fn no_callback_lets_anything_else_in() {
     let end = |place: &str| {
         *HANDLES.lock().unwrap() = None;
         let answers = std::mem::take(&mut *ANSWERS.lock().unwrap());
-        let (refused, allowed): (Vec<_>, Vec<_>) = answers.iter().partition(|a| !ALLOWED.iter().any(|b| b.0 == a.0));
+        let (refused, allowed): (Vec<(&str, i32)>, Vec<(&str, i32)>) =
+            answers.iter().copied().partition(|a| !ALLOWED.iter().any(|b| b.0 == a.0));
         assert!(!refused.is_empty() && refused.iter().all(|a| a.1 == HL_ERROR_REENTRANT), "{place}: {refused:?}");
         assert_eq!(allowed, ALLOWED, "{place}");
         // No function is left out.

@@ -118,7 +118,7 @@ fn cancel_is_prompt_and_leaves_the_engine_whole() {
     let works = [
         ("march", precompute(long)),
         ("hierarchical", precompute(hl_precompute_info { method: HL_METHOD_HIERARCHICAL, ..long })),
-        ("sweep", precompute(hl_precompute_info { method: HL_METHOD_SWEEP, near_slices: 8, ..long })),
+        ("sweep", precompute(hl_precompute_info { method: HL_METHOD_SWEEP, near_slices: 8, directions: 4096, ..long })),
         ("measured field", precompute(hl_precompute_info { measure: 1, ratio: 1, ..quick(volume) })),
         ("picture", render(large)),
         ("picture with layers", render(hl_render_info { layers: HL_LAYER_NORMAL, ..large })),
