@@ -88,7 +88,9 @@ impl Engine {
         };
         tell(0.0)?;
         let mut out = Vec::with_capacity(pixels);
-        let mut pacer = Pacer::new(8, most);
+        // As for the picture.
+        let first = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
+        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, most);
         let mut row = 0;
         while row < height {
             let rows = pacer.size.min(height - row);
@@ -105,6 +107,10 @@ impl Engine {
                 // The next part of the rays continues from this state.
                 rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
                 rec.submit()?;
+                let done = first_step + u64::from(segment);
+                if done < steps {
+                    tell((f64::from(row) + f64::from(rows) * done as f64 / steps as f64) / f64::from(height))?;
+                }
             }
             pacer.took(rows, start.elapsed().as_secs_f64());
             let sums: Vec<[[f32; 4]; STATE]> = self.device.read(&state, count)?;

@@ -168,7 +168,9 @@ impl Engine {
         }
         rec.submit()?;
 
-        let mut pacer = Pacer::new(8, shot.most);
+        // Nothing is known yet of how long a row takes: fewer to begin with where rays are long.
+        let first = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
+        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, shot.most);
         let mut row = 0;
         tell(0.0)?;
         while row < height {
@@ -200,6 +202,11 @@ impl Engine {
                 // The next part of the rays continues from this state.
                 rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
                 rec.submit()?;
+                let done = first_step + u64::from(segment);
+                if done < steps {
+                    // A row may take many dispatches; each is a place to stop.
+                    tell((f64::from(row) + f64::from(rows) * done as f64 / steps as f64) / f64::from(height))?;
+                }
             }
             let mut rec = self.device.record()?;
             // The rays have ended.

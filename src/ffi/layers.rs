@@ -29,7 +29,7 @@ pub(super) fn bits(item: &str, bits: u32) -> Result<u32> {
 }
 
 /// The layers of an image that has all of `bits`.
-pub(super) fn of<'a>(image: &'a ImageCell, bits: u32) -> Result<&'a Layers> {
+pub(super) fn of(image: &ImageCell, bits: u32) -> Result<&Layers> {
     let has = image.layers.as_ref().map_or(0, |l| l.bits);
     match &image.layers {
         Some(layers) if bits & !has == 0 => Ok(layers),

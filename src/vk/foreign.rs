@@ -286,6 +286,8 @@ mod tests {
         assert_eq!(buffer(Access::TransferRead, Access::Foreign), (2, 5));
     }
 
+    type Barriers = Vec<vk::ImageMemoryBarrier2<'static>>;
+
     /// What the specification asks of the barriers between another family and ours (Vulkan 1.3, 7.7.4, and 7.3 of chains):
     /// the first rule that they break.
     fn broken(barriers: &[vk::ImageMemoryBarrier2<'_>], taking: bool) -> Option<&'static str> {
@@ -328,13 +330,13 @@ mod tests {
             let right = other.of_image(image, 2, from, to);
             assert_eq!(broken(&right, taking), None);
             // Sabotage: every single thing that could be wrong is seen.
-            let wrong = |change: &dyn Fn(&mut Vec<vk::ImageMemoryBarrier2<'static>>)| {
+            let wrong = |change: &dyn Fn(&mut Barriers)| {
                 let mut all = right.clone();
                 change(&mut all);
                 broken(&all, taking)
             };
             let owner = usize::from(!taking);
-            let changes: [&dyn Fn(&mut Vec<vk::ImageMemoryBarrier2<'static>>); 9] = [
+            let changes: [&dyn Fn(&mut Barriers); 9] = [
                 &|b| b.swap(0, 1),
                 &|b| b.truncate(1),
                 &|b| b[owner].src_queue_family_index = 3,

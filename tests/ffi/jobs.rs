@@ -122,7 +122,7 @@ fn cancel_is_prompt_and_leaves_the_engine_whole() {
         ("measured field", precompute(hl_precompute_info { measure: 1, ratio: 1, ..quick(volume) })),
         ("picture", render(large)),
         ("picture with layers", render(hl_render_info { layers: HL_LAYER_NORMAL, ..large })),
-        ("reference", render(hl_render_info { reference: 1e-6, ..small(seen) })),
+        ("reference", render(hl_render_info { reference: 1e-6, width: 640, height: 480, ..small(seen) })),
     ];
     for (name, start) in works {
         let latencies = cancelled(&*start);
