@@ -1,5 +1,6 @@
 //! What lies behind each pixel of a picture: strip by strip, as [`Engine::render`].
 
+use super::render::MOST_SAMPLES;
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, ImageSettings, Picture};
@@ -90,7 +91,8 @@ impl Engine {
         let mut out = Vec::with_capacity(pixels);
         // As for the picture.
         let first = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
-        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, most);
+        let most = (MOST_SAMPLES / 8 / (u64::from(width) * steps.min(u64::from(segment)))).clamp(1, u64::from(most));
+        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, most as u32);
         let mut row = 0;
         while row < height {
             let rows = pacer.size.min(height - row);

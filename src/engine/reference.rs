@@ -17,6 +17,9 @@ const PIXEL: u64 = 16 * STATE as u64;
 /// Pixels whose state one buffer holds: 48 MiB, below what any device binds.
 const BAND: usize = 1 << 20;
 
+/// Samples of a pass's first dispatch, at most (but one row): tens of milliseconds on a CPU device.
+const FIRST_SAMPLES: u32 = 1 << 15;
+
 /// Invocations that a device with bounded loops runs in lockstep.
 const LANES: f64 = 8.0;
 
@@ -266,7 +269,9 @@ impl Tracer<'_> {
             surface: self.surface.map(|s| s.shading),
         };
         for band in &self.bands {
-            let mut pacer = Pacer::new(8, band.rows);
+            // Nothing is known yet of how long a row takes: fewer to begin with where there are many samples.
+            let samples = self.width.saturating_mul(self.chunk.min(goal - done)).max(1);
+            let mut pacer = Pacer::new((FIRST_SAMPLES / samples).clamp(1, 8), band.rows);
             let mut row = 0;
             while row < band.rows {
                 let rows = pacer.size.min(band.rows - row);

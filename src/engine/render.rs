@@ -17,6 +17,9 @@ pub(super) const STRIP: usize = 1 << 20;
 /// Samples of one row in a dispatch, at most: tens of milliseconds on a CPU device.
 const ROW_SAMPLES: u32 = 1 << 22;
 
+/// Samples of a dispatch, at most (but one row).
+pub(super) const MOST_SAMPLES: u64 = 1 << 26;
+
 /// A picture about to be rendered: what was checked and made for it.
 pub(super) struct Shot<'a> {
     medium: &'a Medium,
@@ -170,7 +173,9 @@ impl Engine {
 
         // Nothing is known yet of how long a row takes: fewer to begin with where rays are long.
         let first = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
-        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, shot.most);
+        // Rows that miss the volume take no time: those behind them must not come all at once.
+        let most = (MOST_SAMPLES / (u64::from(width) * steps.min(u64::from(segment)))).clamp(1, u64::from(shot.most));
+        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, most as u32);
         let mut row = 0;
         tell(0.0)?;
         while row < height {
