@@ -121,8 +121,10 @@ const ALLOWED: [(&str, i32); 5] = [
 const FREE: [&str; 7] =
     ["hl_version", "hl_status_name", "hl_last_error", "hl_engine_create", "hl_device_get", "hl_vulkan_get_requirement", "hl_vulkan_check"];
 
+type Answers = Vec<(&'static str, i32)>;
+
 static HANDLES: Mutex<Option<Handles>> = Mutex::new(None);
-static ANSWERS: Mutex<Vec<(&str, i32)>> = Mutex::new(Vec::new());
+static ANSWERS: Mutex<Answers> = Mutex::new(Vec::new());
 
 fn meddle() {
     let handles = *HANDLES.lock().unwrap();
@@ -161,8 +163,7 @@ fn no_callback_lets_anything_else_in() {
     let end = |place: &str| {
         *HANDLES.lock().unwrap() = None;
         let answers = std::mem::take(&mut *ANSWERS.lock().unwrap());
-        let (refused, allowed): (Vec<(&str, i32)>, Vec<(&str, i32)>) =
-            answers.iter().copied().partition(|a| !ALLOWED.iter().any(|b| b.0 == a.0));
+        let (refused, allowed): (Answers, Answers) = answers.iter().copied().partition(|a| !ALLOWED.iter().any(|b| b.0 == a.0));
         assert!(!refused.is_empty() && refused.iter().all(|a| a.1 == HL_ERROR_REENTRANT), "{place}: {refused:?}");
         assert_eq!(allowed, ALLOWED, "{place}");
         // No function is left out.
