@@ -18,6 +18,8 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
     let words: Vec<f64> = values(SampleType::I16);
     let array: Array = ("a", SampleType::I16, 1, words.clone());
     let image = |form, block| vti(form, "Spacing=\"1 2 3\"", "0 4 0 3 0 2", std::slice::from_ref(&array), &[], false, false, block);
+    let packed =
+        |compressor| vti_packed(Vti::AppendedRaw, "", "0 4 0 3 0 2", std::slice::from_ref(&array), &[], false, false, 64, compressor);
     let legacy = |mode: &str, tail: &str| {
         let head = "DATASET STRUCTURED_POINTS\nDIMENSIONS 5 4 3\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 60\nSCALARS s short\nLOOKUP_TABLE default\n";
         format!("# vtk DataFile Version 3.0\ntitle\n{mode}\n{head}{tail}").into_bytes()
@@ -43,6 +45,8 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
         ("inline.vti", image(Vti::Inline, 32)),
         ("raw.vti", image(Vti::AppendedRaw, 0)),
         ("zlib.vti", image(Vti::AppendedRaw, 32)),
+        ("lz4.vti", packed("LZ4")),
+        ("xz.vti", packed("LZMA")),
         ("binary.vtk", [legacy("BINARY", ""), bytes(SampleType::I16, true), b"\nMETADATA\n\n".to_vec()].concat()),
         ("ascii.vtk", legacy("ASCII", &ascii)),
         ("series/a.dcm", dicom.bytes()),
