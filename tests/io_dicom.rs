@@ -126,6 +126,22 @@ fn multi_frame_files() {
     (plain.frames, plain.position) = (Some(3), None);
     let volume = read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap();
     assert!(holds(&volume, SampleType::U8) && describe(&volume).spacing == [0.75, 0.5, 2.5]);
+    // With the first frame's position: along the normal from there, by the thickness or by their own offsets, as a dose has them.
+    plain.position = Some([1.0, 2.0, 3.0]);
+    let info = describe(&read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap());
+    assert_eq!((info.spacing, info.first_centre), ([0.75, 0.5, 2.5], [1.0, 2.0, 3.0]));
+    let dose = |offsets: &str| [text(0x3004_000c, offsets), text(0x3004_000e, "0.5")].concat();
+    plain.more = dose("10\\14\\18");
+    let volume = read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap();
+    assert_eq!((describe(&volume).spacing, describe(&volume).first_centre), ([0.75, 0.5, 4.0], [1.0, 2.0, 3.0]));
+    assert!((0..60).all(|i| volume.value(i) == 0.5 * expected[i] as f32));
+    plain.more = dose("0\\-4\\-8");
+    let volume = read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap();
+    assert_eq!(describe(&volume).first_centre, [1.0, 2.0, -5.0]);
+    assert!((0..60).all(|i| volume.value(i) == 0.5 * expected[(i + 40 - i / 20 * 40) % 60] as f32));
+    plain.more = dose("0\\4");
+    says(read(&dir.file("p.dcm", &[&plain.bytes()])), &["GridFrameOffsetVector is '0\\4'", "3 numbers"]);
+    (plain.position, plain.more) = (None, Vec::new());
     plain.frames = Some(4);
     says(read(&dir.file("p.dcm", &[&plain.bytes()])), &["p.dcm: 4 frames", "need 80 bytes, its pixel data have 60"]);
 }

@@ -100,6 +100,18 @@ fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     v.and_then(|v| v.try_into().ok())
 }
 
+/// Where the frames of a dose lie along their normal, from the first; none where the file does not say.
+fn offsets(path: &Path, fields: &Fields, count: usize) -> Result<Option<Vec<f64>>> {
+    let Some(text) = fields.get(&element::FRAME_OFFSETS).filter(|_| count > 1) else { return Ok(None) };
+    let all: Option<Vec<f64>> = text.split('\\').map(|w| w.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
+    match all.filter(|all| all.len() == count) {
+        Some(all) => Ok(Some(all.iter().map(|z| z - all[0]).collect())),
+        None => {
+            Err(bad(path, format!("its GridFrameOffsetVector is '{}'", quote(text)), format!("{count} numbers are needed, one a frame")))
+        }
+    }
+}
+
 /// The frames of a file.
 fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
     let Elements { fields, shared, frames, pixels, big_endian } = elements;
@@ -131,6 +143,7 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
             return Err(bad(path, what, "a fragment per frame is read"));
         }
     };
+    let offsets = offsets(path, &fields, count)?;
     let none = Fields::new();
     let slice = |(i, (at, length)): (usize, (u64, u64))| {
         let frame = frames.get(i).unwrap_or(&none);
@@ -170,7 +183,17 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
         };
         let between = number("SpacingBetweenSlices", element::BETWEEN)?.map(f64::abs).filter(|s| *s > 0.0);
         let between = between.or(number("SliceThickness", element::THICKNESS)?.map(f64::abs).filter(|s| *s > 0.0));
-        let slope = number("RescaleSlope", element::SLOPE)?.map_or(1.0, |v| v as f32);
+        // Frames that have one position for all of them lie along the normal from there.
+        let position = match axes {
+            _ if count == 1 || frame.contains_key(&element::POSITION) => position,
+            None => None,
+            Some([x, y]) => {
+                let along = offsets.as_ref().map(|o| o[i]).or(between.map(|d| d * i as f64));
+                position.zip(along).map(|(p, z)| p + x.cross(y).normalize_or_zero() * z)
+            }
+        };
+        let slope = number("RescaleSlope", element::SLOPE)?.or(number("DoseGridScaling", element::DOSE_SCALING)?);
+        let slope = slope.map_or(1.0, |v| v as f32);
         let intercept = number("RescaleIntercept", element::INTERCEPT)?.map_or(0.0, |v| v as f32);
         if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {
             return Err(wrong("RescaleSlope", element::SLOPE, "it must be a number other than 0"));

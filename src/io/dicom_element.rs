@@ -34,9 +34,12 @@ pub(super) const HIGH_BIT: Tag = 0x0028_0102;
 pub(super) const SIGNED: Tag = 0x0028_0103;
 pub(super) const INTERCEPT: Tag = 0x0028_1052;
 pub(super) const SLOPE: Tag = 0x0028_1053;
+/// Of dose: places of the frames along the normal, and what a stored unit is worth.
+pub(super) const FRAME_OFFSETS: Tag = 0x3004_000c;
+pub(super) const DOSE_SCALING: Tag = 0x3004_000e;
 
 /// Elements that are kept, and whether they are binary 16-bit numbers; the others are text.
-const WANTED: [(Tag, bool); 21] = [
+const WANTED: [(Tag, bool); 23] = [
     (SERIES_DESCRIPTION, false),
     (THICKNESS, false),
     (BETWEEN, false),
@@ -58,6 +61,8 @@ const WANTED: [(Tag, bool); 21] = [
     (SIGNED, true),
     (INTERCEPT, false),
     (SLOPE, false),
+    (FRAME_OFFSETS, false),
+    (DOSE_SCALING, false),
 ];
 
 const SHARED: Tag = 0x5200_9229;
@@ -71,7 +76,7 @@ const PIXELS: Tag = 0x7fe0_0010;
 const FLOAT_PIXELS: Tag = 0x7fe0_0008;
 const DOUBLE_PIXELS: Tag = 0x7fe0_0009;
 
-/// Longest value that is kept, deepest nesting, most frames and fragments.
+/// Longest value that is kept (but a list of offsets), deepest nesting, most frames and fragments.
 const MAX_VALUE: u64 = 4096;
 const MAX_DEPTH: usize = 32;
 pub(super) const MAX_FRAMES: usize = 1 << 16;
@@ -232,7 +237,9 @@ impl Walk<'_> {
 
     /// Keeps an element's value, or goes beyond it.
     fn take(&mut self, tag: Tag, length: u64, wanted: bool, number: bool, fields: &mut Fields) -> Result<()> {
-        if !wanted || length > MAX_VALUE || fields.contains_key(&tag) {
+        // Of two bytes at least, as long as there are frames.
+        let most = if tag == FRAME_OFFSETS { 20 * MAX_FRAMES as u64 } else { MAX_VALUE };
+        if !wanted || length > most || fields.contains_key(&tag) {
             return self.skip(length);
         }
         let mut raw = vec![0; length as usize];

@@ -79,6 +79,9 @@ impl Blocks {
         let mut packed = Vec::new();
         bytes.take(size).read_to_end(&mut packed)?;
         let damaged = |what: String| Error::new(ErrorKind::InvalidData, what);
+        if (packed.len() as u64) < size {
+            return Err(damaged(format!("a block of {size} bytes has {}", packed.len())));
+        }
         let mut plain = Vec::new();
         if self.packing == Packing::Lz4 {
             if self.missing / self.packing.ratio() > packed.len() as u64 {
