@@ -128,7 +128,7 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
     };
     let each = form.bytes();
     let places: Vec<(u64, u64)> = match pixels {
-        Pixels::Native { at, length } => {
+        Pixels::Native { at, length, .. } => {
             let needs = each.checked_mul(count as u64);
             if needs.is_none_or(|n| n > length) {
                 let what =
@@ -220,7 +220,16 @@ impl Slice {
     /// Appends the samples, little-endian, channels beside each other.
     pub fn load(&self, out: &mut Vec<u8>) -> Result<()> {
         let mut raw = Vec::new();
-        part(&self.path, self.at, self.length, &mut raw)?;
+        if self.form.swapped {
+            // Whole words, of which a frame of odd length has a half; elements begin at even bytes.
+            let (begin, end) = (self.at & !1, (self.at + self.length).next_multiple_of(2));
+            part(&self.path, begin, end - begin, &mut raw)?;
+            raw.chunks_exact_mut(2).for_each(<[u8]>::reverse);
+            raw.drain(..(self.at - begin) as usize);
+            raw.truncate(self.length as usize);
+        } else {
+            part(&self.path, self.at, self.length, &mut raw)?;
+        }
         out.append(&mut self.form.decode(&self.path, raw)?);
         Ok(())
     }

@@ -87,8 +87,8 @@ pub(super) type Fields = BTreeMap<Tag, String>;
 /// Where the samples lie.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Pixels {
-    /// In one piece.
-    Native { at: u64, length: u64 },
+    /// In one piece, of bytes or of 16-bit words.
+    Native { at: u64, length: u64, words: bool },
     /// Coded: (at, length) of each fragment.
     Coded(Vec<(u64, u64)>),
 }
@@ -215,12 +215,12 @@ impl Walk<'_> {
         Ok(Some(group))
     }
 
-    /// Tag, length (none: until a mark ends it), and whether it is a sequence.
-    fn header(&mut self, implicit: bool) -> Result<(Tag, Option<u64>, bool)> {
+    /// Tag, length (none: until a mark ends it), and value representation, where the file says one.
+    fn header(&mut self, implicit: bool) -> Result<(Tag, Option<u64>, [u8; 2])> {
         let tag = u32::from(self.u16()?) << 16 | u32::from(self.u16()?);
         if implicit || tag >> 16 == 0xfffe {
             let length = self.u32()?;
-            return Ok((tag, (length != u32::MAX).then_some(u64::from(length)), false));
+            return Ok((tag, (length != u32::MAX).then_some(u64::from(length)), [0; 2]));
         }
         let vr: [u8; 2] = self.bytes()?;
         if !vr.iter().all(u8::is_ascii_uppercase) {
@@ -228,11 +228,11 @@ impl Walk<'_> {
         }
         let long = [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"].contains(&&vr);
         if !long {
-            return Ok((tag, Some(u64::from(self.u16()?)), false));
+            return Ok((tag, Some(u64::from(self.u16()?)), vr));
         }
         self.u16()?;
         let length = self.u32()?;
-        Ok((tag, (length != u32::MAX).then_some(u64::from(length)), &vr == b"SQ"))
+        Ok((tag, (length != u32::MAX).then_some(u64::from(length)), vr))
     }
 
     /// Keeps an element's value, or goes beyond it.
@@ -268,7 +268,8 @@ impl Walk<'_> {
                 return if levels.is_empty() { Ok(()) } else { Err(self.damaged("it ends within a sequence")) };
             }
             let implicit = self.implicit || levels.iter().any(|l| l.implicit);
-            let (tag, length, sequence) = self.header(implicit)?;
+            let (tag, length, vr) = self.header(implicit)?;
+            let sequence = &vr == b"SQ";
             let end = match length {
                 Some(n) if n > self.length.saturating_sub(self.at) && levels.is_empty() && tag == PIXELS => Some(self.length),
                 Some(n) if n > self.length.saturating_sub(self.at) => {
@@ -299,7 +300,7 @@ impl Walk<'_> {
                         _ => 0,
                     };
                     let pixels = match length {
-                        Some(_) => Pixels::Native { at: self.at, length: end.unwrap_or(self.at) - self.at },
+                        Some(_) => Pixels::Native { at: self.at, length: end.unwrap_or(self.at) - self.at, words: &vr == b"OW" },
                         None => Pixels::Coded(self.fragments()?),
                     };
                     out.pixels = Some((bits, pixels));

@@ -22,6 +22,8 @@ pub(super) struct Form {
     signed: bool,
     float: bool,
     big_endian: bool,
+    /// Samples of a byte, two in a big-endian word: the second comes first.
+    pub swapped: bool,
     rle: bool,
     pub photometric: String,
 }
@@ -102,7 +104,8 @@ pub(super) fn form(path: &Path, fields: &Fields, float_bits: u32, big_endian: bo
     }
     let planar = channels > 1 && (rle || optional(element::PLANAR, "PlanarConfiguration")? == Some(1));
     let signed = optional(element::SIGNED, "PixelRepresentation")? == Some(1);
-    Ok(Form { rows, columns, channels, planar, bits, stored, high, signed, float, big_endian, rle, photometric })
+    let swapped = big_endian && bits == 8 && matches!(pixels, Pixels::Native { words: true, .. });
+    Ok(Form { rows, columns, channels, planar, bits, stored, high, signed, float, big_endian, swapped, rle, photometric })
 }
 
 /// What a transfer syntax is called, and what rewrites it.
