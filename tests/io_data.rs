@@ -16,7 +16,7 @@ fn data(name: &str) -> Option<PathBuf> {
 fn volumes_are_as_documented() {
     /// File, dims, type, spacing, range of the stored samples.
     type Documented = (&'static str, [usize; 3], &'static str, [f64; 3], [f32; 2]);
-    let expected: [Documented; 20] = [
+    let expected: [Documented; 23] = [
         ("engine.nii.gz", [256, 256, 128], "uint8", [1.0; 3], [0.0, 255.0]),
         ("bonsai.nii.gz", [256; 3], "uint8", [1.0; 3], [0.0, 255.0]),
         ("heptane.nii.gz", [302; 3], "uint8", [1.0; 3], [0.0, 255.0]),
@@ -37,6 +37,9 @@ fn volumes_are_as_documented() {
         ("viscous_fingers_040.vti", [64; 3], "float32", [1.0; 3], [0.0, 113.59]),
         ("epi_short_zlib.mha", [64, 64, 37], "int16", [3.4375, 3.4375, 3.8], [0.0, 6690.0]),
         ("flair_oblique_gzip.nrrd", [124, 160, 140], "uint8", [1.0; 3], [0.0, 255.0]),
+        ("bonsai_small.vdb", [91, 197, 256], "float32", [1.0; 3], [0.0, 1.0]),
+        ("smoke_sphere_double.vdb", [128, 64, 64], "float32", [1.0; 3], [0.0, 1.0]),
+        ("sphere_levelset.vdb", [48, 48, 48], "float32", [0.01; 3], [-0.04, 0.04]),
     ];
     for (name, dims, kind, spacing, range) in expected {
         let Some(path) = data(name) else { continue };
@@ -54,6 +57,49 @@ fn volumes_are_as_documented() {
             assert!((stored[i] - range[i]).abs() <= 1e-3 * range[1], "{name}: stored range {stored:?}");
         }
         assert_eq!(info.histogram.iter().sum::<u64>(), volume.grid().voxels());
+    }
+}
+
+/// No file of the folder is passed over: each volume opens, or is the samples of a header beside it.
+#[test]
+fn every_volume_opens() {
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/volumes"));
+    let Ok(files) = std::fs::read_dir(&folder) else {
+        println!("skipped: {} is not here", folder.display());
+        return;
+    };
+    let (mut opened, mut samples) = (0, 0);
+    for file in files {
+        let path = file.unwrap().path();
+        if path.extension().is_some_and(|e| e == "raw") {
+            let headers = [".mhd", ".nrrd", ".detached.nrrd"];
+            assert!(headers.iter().any(|e| path.with_extension(&e[1..]).is_file()), "{} has no header", path.display());
+            samples += 1;
+            continue;
+        }
+        let volume = read_volume(&path, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+        println!("{}: {:?} {:?}", path.file_name().unwrap().to_string_lossy(), volume.grid().dims(), volume.range());
+        assert!(volume.range()[0] < volume.range()[1], "{}: one value only", path.display());
+        opened += 1;
+    }
+    assert!(opened >= 23 && samples <= 3, "{opened} opened, {samples} files of samples");
+}
+
+/// Every light probe has finite coefficients and shines.
+#[test]
+fn every_probe_opens() {
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/probes"));
+    let Ok(files) = std::fs::read_dir(&folder) else {
+        println!("skipped: {} is not here", folder.display());
+        return;
+    };
+    for file in files {
+        let path = file.unwrap().path();
+        let probe = halflight::io::read_probe(&path).unwrap_or_else(|e| panic!("{e}"));
+        let pixels = probe.pixels();
+        assert_eq!(pixels.len(), probe.width() * probe.height());
+        assert!(pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0) && pixels.iter().flatten().any(|v| *v > 0.0));
+        println!("{}: {}x{}", path.file_name().unwrap().to_string_lossy(), probe.width(), probe.height());
     }
 }
 

@@ -98,6 +98,36 @@ fn types_syntaxes_and_rescaling() {
     assert!(holds(&pick("R"), SampleType::U8) && pick("B").range() == [2.0, 2.0]);
 }
 
+/// Big-endian words hold two samples of a byte, the second first; two frames of 15 share a word.
+#[test]
+fn bytes_in_big_endian_words() {
+    let e = |tag: u32, vr: &str, value: &[u8]| {
+        let length = match vr {
+            "OW" | "OB" => [&[0, 0][..], &(value.len() as u32).to_be_bytes()].concat(),
+            _ => (value.len() as u16).to_be_bytes().to_vec(),
+        };
+        [&tag.to_be_bytes()[..], vr.as_bytes(), &length, value].concat()
+    };
+    let us = |tag, v: u16| e(tag, "US", &v.to_be_bytes());
+    let file = |vr: &str, pixels: &[u8]| {
+        let syntax = element(0x0002_0010, "UI", b"1.2.840.10008.1.2.2", false);
+        let head = [us(0x0028_0002, 1), e(0x0028_0004, "CS", b"MONOCHROME2 "), e(0x0028_0008, "IS", b"2 "), us(0x0028_0010, 3)].concat();
+        let bits = [us(0x0028_0011, 5), us(0x0028_0100, 8), us(0x0028_0101, 8), us(0x0028_0102, 7), us(0x0028_0103, 0)].concat();
+        [vec![0; 128], b"DICM".to_vec(), syntax, head, bits, e(0x7fe0_0010, vr, pixels)].concat()
+    };
+    let dir = Folder::new();
+    let pixels: Vec<u8> = (0..30).collect();
+    let mut words = pixels.clone();
+    words.chunks_mut(2).for_each(<[u8]>::reverse);
+    for (vr, content) in [("OW", &words), ("OB", &pixels)] {
+        let volume = read(&dir.file("a.dcm", &[&file(vr, content)])).unwrap();
+        assert_eq!(volume.grid().dims(), [5, 3, 2]);
+        assert!((0..30).all(|i| volume.value(i) == i as f32), "{vr}");
+    }
+    // The comparison sees bytes that stay where they are.
+    assert_eq!(read(&dir.file("a.dcm", &[&file("OW", &pixels)])).unwrap().value(0), 1.0);
+}
+
 #[test]
 fn multi_frame_files() {
     let dir = Folder::new();
@@ -126,6 +156,22 @@ fn multi_frame_files() {
     (plain.frames, plain.position) = (Some(3), None);
     let volume = read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap();
     assert!(holds(&volume, SampleType::U8) && describe(&volume).spacing == [0.75, 0.5, 2.5]);
+    // With the first frame's position: along the normal from there, by the thickness or by their own offsets, as a dose has them.
+    plain.position = Some([1.0, 2.0, 3.0]);
+    let info = describe(&read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap());
+    assert_eq!((info.spacing, info.first_centre), ([0.75, 0.5, 2.5], [1.0, 2.0, 3.0]));
+    let dose = |offsets: &str| [text(0x3004_000c, offsets), text(0x3004_000e, "0.5")].concat();
+    plain.more = dose("10\\14\\18");
+    let volume = read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap();
+    assert_eq!((describe(&volume).spacing, describe(&volume).first_centre), ([0.75, 0.5, 4.0], [1.0, 2.0, 3.0]));
+    assert!((0..60).all(|i| volume.value(i) == 0.5 * expected[i] as f32));
+    plain.more = dose("0\\-4\\-8");
+    let volume = read(&dir.file("p.dcm", &[&plain.bytes()])).unwrap();
+    assert_eq!(describe(&volume).first_centre, [1.0, 2.0, -5.0]);
+    assert!((0..60).all(|i| volume.value(i) == 0.5 * expected[(i + 40 - i / 20 * 40) % 60] as f32));
+    plain.more = dose("0\\4");
+    says(read(&dir.file("p.dcm", &[&plain.bytes()])), &["GridFrameOffsetVector is '0\\4'", "3 numbers"]);
+    (plain.position, plain.more) = (None, Vec::new());
     plain.frames = Some(4);
     says(read(&dir.file("p.dcm", &[&plain.bytes()])), &["p.dcm: 4 frames", "need 80 bytes, its pixel data have 60"]);
 }

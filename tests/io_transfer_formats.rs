@@ -268,6 +268,8 @@ fn what_is_written_reads_as_the_same_function() {
                 "{} as {extension}: {lost:?}",
                 preset.name
             );
+            let length = (preset.length(), presets(&format!("p.{extension}"), &text)[0].length());
+            assert_eq!(said("length of its opacities"), length.0 != length.1, "{} as {extension}: {lost:?}", preset.name);
             let spans = matches!(format, Format::Slicer | Format::SlicerVp);
             assert_eq!(said("span the data"), preset.is_relative() && spans, "{} as {extension}: {lost:?}", preset.name);
             assert_eq!(said("midpoints"), preset.name == "curved" && format != Format::ParaView);
@@ -397,6 +399,9 @@ fn the_command_lists_and_converts() {
     assert!(code == 0 && out.contains("'Bone'") && !out.contains("fat") && out.contains("shading (ambient 0.1"), "{out}");
     let (code, out, err) = run(&["presets.xml", "--preset", "Bone", "-o", "bone.tfi"]);
     assert!(code == 0 && out.contains("1 preset for Voreen") && out.contains("lost") && out.contains("wrote"), "{out}{err}");
+    assert!(out.contains("a voxel became 1/200 of the volume's side: the same where the side has 200 voxels"), "{out}");
+    let (code, out, _) = run(&["bone.tfi"]);
+    assert!(code == 0 && out.contains("opacities  over 1/200 of the volume's side; here over transfer.reference"), "{out}");
     let (code, out, _) = run(&["bone.tfi", "--json", "-o", "bone.vp"]);
     let json: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert!(code == 0 && json["presets"][0] == "bone" && json["program"] == "Voreen", "{out}");

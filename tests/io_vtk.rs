@@ -5,7 +5,7 @@ use glam::DVec3;
 use halflight::Result;
 use halflight::io::{ReadOptions, SampleType, describe, read_volume};
 use halflight::scene::Volume;
-use io_common::{Array, DIMS, Folder, Vti, bytes, says, values, vti};
+use io_common::{Array, DIMS, Folder, Vti, bytes, says, values, vti, vti_packed};
 use std::path::Path;
 
 const WHOLE: &str = "0 4 0 3 0 2";
@@ -36,6 +36,17 @@ fn every_type_order_and_packing_of_vti_reads_back() {
                     read(&dir.file("a.vti", &[&content])).unwrap_or_else(|e| panic!("{kind:?} {form:?} {big} {wide} {block}: {e}"));
                 assert!(holds(&volume, kind), "{kind:?} {form:?} big {big} wide {wide} block {block}");
             }
+        }
+    }
+    // Whatever compresses.
+    for compressor in ["ZLib", "LZ4", "LZMA"] {
+        for (form, kind, block) in
+            [(Vti::Inline, SampleType::U16, 50), (Vti::AppendedRaw, SampleType::F32, 64), (Vti::AppendedRaw, SampleType::U8, 999)]
+        {
+            let array: Array = ("a", kind, 1, values(kind));
+            let content = vti_packed(form, IMAGE, WHOLE, std::slice::from_ref(&array), &[], false, false, block, compressor);
+            let volume = read(&dir.file("a.vti", &[&content])).unwrap_or_else(|e| panic!("{compressor} {kind:?}: {e}"));
+            assert!(holds(&volume, kind), "{compressor} {kind:?} {block}");
         }
     }
     // The comparison can fail.
@@ -92,7 +103,7 @@ fn bad_vti_says_what_would_be_right() {
         read(&dir.file("a.vti", &[&content]))
     };
     says(change("type=\"ImageData\"", "type=\"PolyData\""), &["a.vti: it is a VTK file of type 'PolyData'"]);
-    says(change("header_type=\"UInt32\"", "compressor=\"vtkLZ4DataCompressor\""), &["vtkLZ4DataCompressor", "vtkZLibDataCompressor"]);
+    says(change("header_type=\"UInt32\"", "compressor=\"vtkZstdDataCompressor\""), &["vtkZstdDataCompressor", "ZLib, LZ4 and LZMA"]);
     says(change("<!-- made by a test -->", "<!DOCTYPE x [<!ENTITY a \"b\">]>"), &["<!DOCTYPE", "not read"]);
     says(change(WHOLE, "0 4 0 3 0 x"), &["WholeExtent=\"0 4 0 3 0 x\"", "six whole numbers"]);
     says(
@@ -107,6 +118,37 @@ fn bad_vti_says_what_would_be_right() {
     says(read(&dir.file("a.vti", &[&huge])), &["need"]);
     says(read(&dir.file("a.vti", &[&good[..300]])), &["cut short"]);
     says(read(&dir.file("a.vti", &[&good[..good.len() - 80]])), &["a.vti"]);
+}
+
+#[test]
+fn damaged_blocks_say_what_is_wrong() {
+    let dir = Folder::new();
+    let a: Array = ("a", SampleType::U16, 1, values(SampleType::U16));
+    for (compressor, name) in [("LZ4", "LZ4"), ("LZMA", "xz")] {
+        let good = vti_packed(Vti::AppendedRaw, IMAGE, WHOLE, std::slice::from_ref(&a), &[], false, false, 64, compressor);
+        let at = String::from_utf8_lossy(&good).find(" _").unwrap() + 2;
+        // Blocks: how many, of which size, the last of which size, then their compressed sizes.
+        let poked = |place: usize, number: u32| {
+            let mut bytes = good.clone();
+            bytes[at + place..at + place + 4].copy_from_slice(&number.to_le_bytes());
+            read(&dir.file("a.vti", &[&bytes]))
+        };
+        let size = u32::from_le_bytes(good[at + 12..at + 16].try_into().unwrap());
+        assert!(poked(12, size).is_ok());
+        says(poked(12, size - 1), &["a.vti", name, "damaged"]);
+        says(poked(12, 0), &["a.vti", name]);
+        says(poked(16, u32::MAX), &["a.vti", name]);
+        says(read(&dir.file("a.vti", &[&good[..at + 25]])), &["a.vti", name]);
+    }
+    // A block of a gigabyte is not decoded whole; one of zlib's is no trouble.
+    let header = |compressor: &str| {
+        let file = vti_packed(Vti::AppendedRaw, IMAGE, "0 1023 0 1023 0 1023", std::slice::from_ref(&a), &[], false, false, 64, compressor);
+        let at = String::from_utf8_lossy(&file).find(" _").unwrap() + 2;
+        let sizes: Vec<u8> = [1u32, 1 << 31, 0, 8].iter().flat_map(|n| n.to_le_bytes()).collect();
+        read(&dir.file("a.vti", &[&file[..at], &sizes, &[0; 400]]))
+    };
+    says(header("LZ4"), &["its blocks have 2.0 GiB, and are decoded whole", "at most 64.0 MiB"]);
+    says(header("ZLib"), &["zlib data can hold"]);
 }
 
 fn legacy(mode: &str, more: &str) -> Vec<u8> {

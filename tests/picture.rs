@@ -2,7 +2,7 @@
 
 use exr::prelude::*;
 use halflight::Error;
-use halflight::io::{read_picture_exr, read_probe, write_exr, write_png};
+use halflight::io::{read_picture_exr, read_probe, whole_picture, write_exr, write_png};
 use halflight::scene::Picture;
 use std::path::{Path, PathBuf};
 
@@ -63,6 +63,34 @@ fn a_cut_exr_is_an_error_not_a_darker_picture() {
         std::fs::write(&cut, &bytes[..n]).unwrap();
         assert!(matches!(read_picture_exr(&cut), Err(Error::Format { .. })), "the first {n} of {} bytes", bytes.len());
     }
+}
+
+#[test]
+fn whole_is_what_decodes_to_the_last_pixel() {
+    let dir = folder();
+    let path = dir.path().join("a.exr");
+    write_exr(&path, &picture(), &meta(&[("k", "v")])).unwrap();
+    assert!(whole_picture(&path, &|m| m == [("k".to_owned(), "v".to_owned())]).unwrap());
+    assert!(!whole_picture(&path, &|m| m.is_empty()).unwrap());
+    let good = std::fs::read(&path).unwrap();
+    for cut in [good.len() - 1, good.len() / 2, 100] {
+        std::fs::write(&path, &good[..cut]).unwrap();
+        assert!(whole_picture(&path, &|_| true).is_err(), "cut at {cut}");
+    }
+    // One byte of the pixels: their checksum is deflate's.
+    let mut damaged = good.clone();
+    let last = damaged.len() - 30;
+    damaged[last] ^= 0x10;
+    std::fs::write(&path, &damaged).unwrap();
+    assert!(whole_picture(&path, &|_| true).is_err());
+    // A window of more pixels than memory holds is refused before any is asked for.
+    let window = good.windows(17).position(|w| w == b"dataWindow\0box2i\0").unwrap() + 17 + 4;
+    let mut wide = good;
+    wide[window + 8..window + 12].copy_from_slice(&0x0700_0000i32.to_le_bytes());
+    std::fs::write(&path, &wide).unwrap();
+    let said = whole_picture(&path, &|_| true).unwrap_err().to_string();
+    assert!(said.contains("pixels") || said.contains("OpenEXR"), "{said}");
+    println!("{said}");
 }
 
 #[test]

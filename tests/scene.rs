@@ -507,6 +507,19 @@ fn a_scenes_text_is_the_same_scene_again() {
 }
 
 #[test]
+fn axes_read_again_are_the_same() {
+    // Scaled to length 1 a second time, many of them would move by a bit.
+    for i in 0..200 {
+        let text = format!("[volume]\nfile = 'a'\n[light]\nrotate = [{}, {}, 2, 90]\n", i % 20 - 7, i / 20);
+        let scene = parse_scene(&text, "s.toml", Path::new(""), &[]).unwrap();
+        let again = parse_scene(&scene_text(&scene), "s.toml", Path::new(""), &[]).unwrap();
+        assert_eq!(scene.light, again.light, "{text}");
+        let (axis, _) = scene.light.rotate.unwrap();
+        assert!((axis.length() - 1.0).abs() < 1e-15);
+    }
+}
+
+#[test]
 fn components_series_and_spacing_of_a_volume() {
     let text = "[volume]\nfile = 'a'\ncomponent = 2\nseries = '1.2.840.5'\nspacing = [0.5, 1, 2]\n";
     let scene = parse_scene(text, "s.toml", Path::new(""), &[]).unwrap();

@@ -1,2 +1,2 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|data: &[u8]| halflight_fuzz::volume(&halflight_fuzz::file("a.dcm", data)));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| halflight_fuzz::volume(&halflight_fuzz::file("a.dcm", data), data.len()));

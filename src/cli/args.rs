@@ -53,7 +53,7 @@ pub fn command() -> Command {
             Command::new("transfer")
                 .about("List the transfer functions in another program's file, or convert them and say what is lost")
                 .arg(
-                    path("in", "FILE", "ParaView or NiiVue .json, Slicer .xml or .vp, Voreen .tfi or .tfg, Inviwo .itf, ImageVis3D .1dt")
+                    path("in", "FILE", "ParaView or NiiVue .json, Slicer .xml or .vp, Voreen .tfi or .tfg, Inviwo .itf, ImageVis3D .1dt, Exposure Render .xml")
                         .required(true),
                 )
                 .arg(path("out", "FILE", "what to write: .json, .xml, .vp, .tfi, .itf or .1dt").short('o').long("out"))

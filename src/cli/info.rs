@@ -114,6 +114,8 @@ fn plot(report: &mut Report, m: &ArgMatches, scene: &Scene, info: &VolumeInfo) -
 }
 
 fn v3(v: [f64; 3]) -> String {
+    // An axis has no direction -0.
+    let v = v.map(|x| x + 0.0);
     format!("[{}, {}, {}]", short(v[0]), short(v[1]), short(v[2]))
 }
 

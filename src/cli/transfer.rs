@@ -40,6 +40,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         wanted.iter().for_each(|named| report.text(format!("  {}", line(named))));
         if let (false, [Named { preset: Ok(preset), .. }]) = (m.get_flag("list"), &wanted[..]) {
             preset.lost().for_each(|lost| report.line("not held", plain(lost)));
+            preset.length_here().iter().for_each(|length| report.line("opacities", length));
         }
         report.set("presets", wanted.iter().map(|p| object(p)).collect());
         return report.finish();
@@ -118,7 +119,7 @@ fn object(named: &Named) -> Value {
         Err(e) => json!({ "name": named.name, "error": e.to_string() }),
         Ok(p) => json!({
             "name": named.name, "colors": p.points()[0], "opacities": p.points()[1], "domain": p.domain(), "relative": p.is_relative(),
-            "not_held": p.lost().collect::<Vec<_>>(),
+            "opacity_length": p.length(), "not_held": p.lost().collect::<Vec<_>>(),
         }),
     }
 }

@@ -34,9 +34,12 @@ pub(super) const HIGH_BIT: Tag = 0x0028_0102;
 pub(super) const SIGNED: Tag = 0x0028_0103;
 pub(super) const INTERCEPT: Tag = 0x0028_1052;
 pub(super) const SLOPE: Tag = 0x0028_1053;
+/// Of dose: places of the frames along the normal, and what a stored unit is worth.
+pub(super) const FRAME_OFFSETS: Tag = 0x3004_000c;
+pub(super) const DOSE_SCALING: Tag = 0x3004_000e;
 
 /// Elements that are kept, and whether they are binary 16-bit numbers; the others are text.
-const WANTED: [(Tag, bool); 21] = [
+const WANTED: [(Tag, bool); 23] = [
     (SERIES_DESCRIPTION, false),
     (THICKNESS, false),
     (BETWEEN, false),
@@ -58,6 +61,8 @@ const WANTED: [(Tag, bool); 21] = [
     (SIGNED, true),
     (INTERCEPT, false),
     (SLOPE, false),
+    (FRAME_OFFSETS, false),
+    (DOSE_SCALING, false),
 ];
 
 const SHARED: Tag = 0x5200_9229;
@@ -71,7 +76,7 @@ const PIXELS: Tag = 0x7fe0_0010;
 const FLOAT_PIXELS: Tag = 0x7fe0_0008;
 const DOUBLE_PIXELS: Tag = 0x7fe0_0009;
 
-/// Longest value that is kept, deepest nesting, most frames and fragments.
+/// Longest value that is kept (but a list of offsets), deepest nesting, most frames and fragments.
 const MAX_VALUE: u64 = 4096;
 const MAX_DEPTH: usize = 32;
 pub(super) const MAX_FRAMES: usize = 1 << 16;
@@ -82,8 +87,8 @@ pub(super) type Fields = BTreeMap<Tag, String>;
 /// Where the samples lie.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Pixels {
-    /// In one piece.
-    Native { at: u64, length: u64 },
+    /// In one piece, of bytes or of 16-bit words.
+    Native { at: u64, length: u64, words: bool },
     /// Coded: (at, length) of each fragment.
     Coded(Vec<(u64, u64)>),
 }
@@ -210,12 +215,12 @@ impl Walk<'_> {
         Ok(Some(group))
     }
 
-    /// Tag, length (none: until a mark ends it), and whether it is a sequence.
-    fn header(&mut self, implicit: bool) -> Result<(Tag, Option<u64>, bool)> {
+    /// Tag, length (none: until a mark ends it), and value representation, where the file says one.
+    fn header(&mut self, implicit: bool) -> Result<(Tag, Option<u64>, [u8; 2])> {
         let tag = u32::from(self.u16()?) << 16 | u32::from(self.u16()?);
         if implicit || tag >> 16 == 0xfffe {
             let length = self.u32()?;
-            return Ok((tag, (length != u32::MAX).then_some(u64::from(length)), false));
+            return Ok((tag, (length != u32::MAX).then_some(u64::from(length)), [0; 2]));
         }
         let vr: [u8; 2] = self.bytes()?;
         if !vr.iter().all(u8::is_ascii_uppercase) {
@@ -223,16 +228,18 @@ impl Walk<'_> {
         }
         let long = [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"].contains(&&vr);
         if !long {
-            return Ok((tag, Some(u64::from(self.u16()?)), false));
+            return Ok((tag, Some(u64::from(self.u16()?)), vr));
         }
         self.u16()?;
         let length = self.u32()?;
-        Ok((tag, (length != u32::MAX).then_some(u64::from(length)), &vr == b"SQ"))
+        Ok((tag, (length != u32::MAX).then_some(u64::from(length)), vr))
     }
 
     /// Keeps an element's value, or goes beyond it.
     fn take(&mut self, tag: Tag, length: u64, wanted: bool, number: bool, fields: &mut Fields) -> Result<()> {
-        if !wanted || length > MAX_VALUE || fields.contains_key(&tag) {
+        // Of two bytes at least, as long as there are frames.
+        let most = if tag == FRAME_OFFSETS { 20 * MAX_FRAMES as u64 } else { MAX_VALUE };
+        if !wanted || length > most || fields.contains_key(&tag) {
             return self.skip(length);
         }
         let mut raw = vec![0; length as usize];
@@ -261,7 +268,8 @@ impl Walk<'_> {
                 return if levels.is_empty() { Ok(()) } else { Err(self.damaged("it ends within a sequence")) };
             }
             let implicit = self.implicit || levels.iter().any(|l| l.implicit);
-            let (tag, length, sequence) = self.header(implicit)?;
+            let (tag, length, vr) = self.header(implicit)?;
+            let sequence = &vr == b"SQ";
             let end = match length {
                 Some(n) if n > self.length.saturating_sub(self.at) && levels.is_empty() && tag == PIXELS => Some(self.length),
                 Some(n) if n > self.length.saturating_sub(self.at) => {
@@ -292,7 +300,7 @@ impl Walk<'_> {
                         _ => 0,
                     };
                     let pixels = match length {
-                        Some(_) => Pixels::Native { at: self.at, length: end.unwrap_or(self.at) - self.at },
+                        Some(_) => Pixels::Native { at: self.at, length: end.unwrap_or(self.at) - self.at, words: &vr == b"OW" },
                         None => Pixels::Coded(self.fragments()?),
                     };
                     out.pixels = Some((bits, pixels));

@@ -17,10 +17,10 @@ use std::path::Path;
 pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
 /// Most channels in a layer that is read.
-const MAX_CHANNELS: usize = 64;
+pub(super) const MAX_CHANNELS: usize = 64;
 
 /// Largest side of a picture, pixels.
-const MAX_SIDE: usize = 65_536;
+pub(super) const MAX_SIDE: usize = 65_536;
 
 /// Most pixels of a picture.
 pub(super) const MAX_PIXELS: usize = 1 << 27;

@@ -1,14 +1,15 @@
 //! OpenEXR pictures with more channels than colour, and whether a picture's file is whole.
 
-use super::exr::{attributes, check, trouble};
+use super::exr::{MAX_CHANNELS, MAX_PIXELS, MAX_SIDE, attributes, check, trouble};
 use super::limits::{bad, open};
 use super::{png, write_aside};
 use crate::error::{Error, Result};
 use crate::scene::Picture;
+use exr::block::reader::ChunksReader;
 use exr::compression::Compression;
 use exr::image::{AnyChannel, AnyChannels, FlatSamples};
 use exr::meta::MetaData;
-use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, ReadChannels, ReadLayers, SmallVec, WritableImage, read};
+use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, SmallVec, Vec2, WritableImage};
 use half::f16;
 use std::io::{Seek, Write};
 use std::path::Path;
@@ -143,8 +144,22 @@ pub fn whole_picture(path: &Path, wanted: &MetaFilter) -> Result<bool> {
     if !wanted(&meta) {
         return Ok(false);
     }
-    let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes().pedantic().non_parallel();
-    image.from_buffered(file).map_err(|e| trouble(path, "read", e))?;
+    for h in &headers {
+        let (Vec2(width, height), channels) = (h.layer_size, h.channels.list.len());
+        if h.deep || width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS || channels > MAX_CHANNELS {
+            let what = format!("a layer has {width}x{height} pixels and {channels} channels{}", if h.deep { ", deep" } else { "" });
+            return Err(bad(
+                path,
+                what,
+                format!("at most {MAX_SIDE} a side, {MAX_PIXELS} pixels and {MAX_CHANNELS} flat channels are read"),
+            ));
+        }
+    }
+    // Block by block: all at once would take the memory that the header claims, before the first pixel is there.
+    let chunks = exr::block::read(file, true).and_then(|r| r.all_chunks(true)).map_err(|e| trouble(path, "read", e))?;
+    for block in chunks.sequential_decompressor(true) {
+        block.map_err(|e| trouble(path, "read", e))?;
+    }
     Ok(true)
 }
 

@@ -242,7 +242,9 @@ fn turn(s: &Settings, key: &str) -> Result<Option<(DVec3, f64)>> {
     if turn.is_some_and(|r| r[..3].iter().all(|v| v.abs() < 1e-12)) {
         return Err(s.origins.error(key, "has an axis of length 0", "such as [0, 0, 1, 90]: a quarter turn about z"));
     }
-    Ok(turn.map(|[x, y, z, degrees]| (DVec3::new(x, y, z).normalize_or_zero(), degrees)))
+    // One that has length 1 but for rounding stays as it is: a scene's own text reads as the same scene.
+    let unit = |axis: DVec3| if (axis.length_squared() - 1.0).abs() < 1e-14 { axis } else { axis.normalize_or_zero() };
+    Ok(turn.map(|[x, y, z, degrees]| (unit(DVec3::new(x, y, z)), degrees)))
 }
 
 /// A tolerance or a quality, in place of the settings that a plan finds; bands, cells, ratio and bits may stand beside it.

@@ -1,4 +1,4 @@
-//! VTK ImageData, `.vti`: ascii, base64 or appended, plain or compressed with zlib. Format: "VTK XML Formats",
+//! VTK ImageData, `.vti`: ascii, base64 or appended, plain or compressed (zlib, LZ4, LZMA). Format: "VTK XML Formats",
 //! <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>. The XML is read tag by tag; the samples are
 //! never held as text.
 //!
@@ -8,8 +8,9 @@
 use super::ReadOptions;
 use super::limits::{Source, bad, quote};
 use super::samples::{self, Layout, SampleType};
+use super::vti_blocks::Packing;
 use super::vti_data::{Coding, Place, data};
-use super::vtk_legacy::{Array, choose_array, image_grid};
+use super::vtk_array::{Array, choose_array, image_grid};
 use super::xml::{Form, Tag, Tags};
 use crate::error::Result;
 use crate::scene::Volume;
@@ -142,15 +143,14 @@ fn coding(path: &Path, tag: &Tag) -> Result<Coding> {
         Some("UInt64") => true,
         Some(other) => return Err(bad(path, format!("its header_type is '{}'", quote(other)), "UInt32 and UInt64 are read")),
     };
-    let zlib = match tag.get("compressor") {
-        None | Some("") => false,
-        Some("vtkZLibDataCompressor") => true,
-        Some(other) => {
-            let right = "vtkZLibDataCompressor, or none, is read: save it again with that compressor";
-            return Err(bad(path, format!("it is compressed with {}", quote(other)), right));
-        }
+    let packing = match tag.get("compressor") {
+        None | Some("") => None,
+        Some(name) => Some(Packing::of_compressor(name).ok_or_else(|| {
+            let right = "VTK's ZLib, LZ4 and LZMA compressors, or none, are read: save it again with one of them";
+            bad(path, format!("it is compressed with {}", quote(name)), right)
+        })?),
     };
-    Ok(Coding { big_endian, wide, zlib })
+    Ok(Coding { big_endian, wide, packing })
 }
 
 /// Where the values of an array lie; reads up to its closing tag.

@@ -1,9 +1,9 @@
-//! The samples of a `.vti` file: base64, counted or in zlib blocks, decoded as they are asked for.
+//! The samples of a `.vti` file: base64, counted or in compressed blocks, decoded as they are asked for.
 
 use super::limits::{Source, bad, io};
 use super::samples::Layout;
-use crate::error::Result;
-use flate2::read::ZlibDecoder;
+use super::vti_blocks::{Blocks, HELD, Packing};
+use crate::error::{Result, bytes as bytes_text};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -14,7 +14,7 @@ pub(super) struct Coding {
     pub big_endian: bool,
     /// Sizes have 8 bytes, not 4.
     pub wide: bool,
-    pub zlib: bool,
+    pub packing: Option<Packing>,
 }
 
 /// Where an array's values lie.
@@ -60,7 +60,7 @@ pub(super) fn data(
     let needs = layout.stored_bytes().unwrap_or(u64::MAX);
     let failed = |e: Error| bad(path, format!("the size of an array at byte {at} cannot be read: {e}"), "the file is cut short or damaged");
     let first = size(&mut bytes, coding).map_err(failed)?;
-    if !coding.zlib {
+    let Some(packing) = coding.packing else {
         if first != needs {
             return Err(bad(
                 path,
@@ -69,13 +69,17 @@ pub(super) fn data(
             ));
         }
         return Ok(Source::Coded(Box::new(bytes.take(needs)), if base64 { "base64" } else { "raw" }, most));
-    }
+    };
     // Blocks: how many, of which size, of which size the last (0: whole), and each one's compressed size.
     let (block, last) = (size(&mut bytes, coding).map_err(failed)?, size(&mut bytes, coding).map_err(failed)?);
     let whole = if last == 0 { first } else { first.saturating_sub(1) };
     if whole.checked_mul(block).and_then(|n| n.checked_add(last)) != Some(needs) {
         let what = format!("{} need {needs} bytes, the file has {first} blocks of {block}, the last of {last}", layout.what());
         return Err(bad(path, what, "its header is wrong"));
+    }
+    if packing != Packing::Zlib && block.max(last) > HELD {
+        let what = format!("its blocks have {}, and are decoded whole", bytes_text(block.max(last)));
+        return Err(bad(path, what, format!("at most {} are read: VTK's own are of 32 KiB", bytes_text(HELD))));
     }
     let mut sizes = Vec::new();
     for _ in 0..first {
@@ -84,8 +88,8 @@ pub(super) fn data(
         }
         sizes.push(size(&mut bytes, coding).map_err(failed)?);
     }
-    let blocks = Blocks { inner: Some(Inner::Between(bytes)), sizes: sizes.into_iter(), block, last, left: first, missing: 0 };
-    Ok(Source::Coded(Box::new(blocks), "zlib", most.saturating_mul(1032)))
+    let blocks = Blocks::new(bytes, packing, sizes, block, last);
+    Ok(Source::Coded(Box::new(blocks), packing.name(), most.saturating_mul(packing.ratio())))
 }
 
 /// The byte behind the `_` that begins appended data.
@@ -112,60 +116,6 @@ fn size(bytes: &mut dyn Read, coding: &Coding) -> std::io::Result<u64> {
         raw[..width].reverse();
     }
     Ok(u64::from_le_bytes(raw))
-}
-
-/// Zlib streams one after the other.
-struct Blocks<I> {
-    inner: Option<Inner>,
-    sizes: I,
-    block: u64,
-    /// Bytes of the last block; 0: as many as the others.
-    last: u64,
-    /// Blocks that are not begun.
-    left: u64,
-    /// Bytes that the present block still owes.
-    missing: u64,
-}
-
-enum Inner {
-    Between(Box<dyn Read>),
-    Within(ZlibDecoder<std::io::Take<Box<dyn Read>>>),
-}
-
-impl<I: Iterator<Item = u64>> Read for Blocks<I> {
-    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
-        if buf.is_empty() {
-            return Ok(0);
-        }
-        loop {
-            match self.inner.take() {
-                None => return Ok(0),
-                Some(Inner::Between(bytes)) => {
-                    let Some(size) = self.sizes.next() else { return Ok(0) };
-                    self.left -= 1;
-                    self.missing = if self.left == 0 && self.last > 0 { self.last } else { self.block };
-                    self.inner = Some(Inner::Within(ZlibDecoder::new(bytes.take(size))));
-                }
-                Some(Inner::Within(mut decoder)) => {
-                    let most = buf.len().min(usize::try_from(self.missing).unwrap_or(usize::MAX));
-                    // Once more where it owes nothing: the checksum stands behind the last byte.
-                    let n = if most == 0 { decoder.read(&mut [0])? } else { decoder.read(&mut buf[..most])? };
-                    if (most == 0) != (n == 0) {
-                        let what = if n == 0 { "a block ends before its size" } else { "a block is longer than its size" };
-                        return Err(Error::new(ErrorKind::InvalidData, what));
-                    }
-                    if n > 0 {
-                        self.missing -= n as u64;
-                        self.inner = Some(Inner::Within(decoder));
-                        return Ok(n);
-                    }
-                    let mut rest = decoder.into_inner();
-                    std::io::copy(&mut rest, &mut std::io::sink())?;
-                    self.inner = Some(Inner::Between(rest.into_inner()));
-                }
-            }
-        }
-    }
 }
 
 /// Base64, in groups of four; padding may stand within it, where writers put one coded part behind another.

@@ -5,160 +5,19 @@
 //! are those cells, one fewer along each axis, with ORIGIN as the corner of the first.
 
 use super::ReadOptions;
-use super::choose;
-use super::limits::{Source, bad, grid, io, quote};
+use super::limits::{Source, bad, quote};
 use super::samples::{self, Layout, SampleType};
+use super::vtk_array::{Array, choose_array, image_grid};
+use super::vtk_text::Text;
 use crate::error::Result;
-use crate::scene::{Grid, Volume};
-use glam::{DAffine3, DMat3, DVec3};
+use crate::scene::Volume;
+use glam::{DMat3, DVec3};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Seek, SeekFrom};
+use std::io::BufReader;
 use std::path::Path;
-
-/// Longest word or line of the text parts, bytes.
-const LONGEST: usize = 4096;
 
 /// Most arrays that are listed.
 const MAX_ARRAYS: usize = 4096;
-
-/// Some values per point or per cell of an image.
-pub(super) struct Array {
-    pub name: String,
-    pub kind: SampleType,
-    pub components: usize,
-    /// Of cells, not of points.
-    pub cells: bool,
-}
-
-impl Array {
-    /// Labels of its components; those of cells say so.
-    fn labels(&self) -> Vec<String> {
-        let name = if self.cells { format!("cells/{}", self.name) } else { self.name.clone() };
-        choose::labels(&name, self.components).collect()
-    }
-}
-
-/// The array and component that is wanted among all; `default` is an array that stands out.
-pub(super) fn choose_array(path: &Path, arrays: &[&Array], default: Option<usize>, options: &ReadOptions) -> Result<(usize, usize)> {
-    let all: Vec<(usize, usize)> = arrays.iter().enumerate().flat_map(|(a, x)| (0..x.components).map(move |c| (a, c))).collect();
-    if all.is_empty() {
-        return Err(bad(path, "it has no array of numbers at points or cells", "POINT_DATA with scalars is needed"));
-    }
-    let labels: Vec<String> = arrays.iter().flat_map(|a| a.labels()).collect();
-    let default = default.filter(|&d| arrays[d].components == 1).and_then(|d| all.iter().position(|&(a, _)| a == d));
-    let what = match arrays {
-        [only] => format!("its array '{}' has {} components", quote(&only.name), only.components),
-        _ => format!("it holds {} arrays", arrays.len()),
-    };
-    Ok(all[choose::component(path, &what, all.len(), &labels, default, options)?])
-}
-
-/// The grid of an image's points or cells: `points` along each axis, `axes` their directions and spacings, `first` the
-/// place of the first point.
-pub(super) fn image_grid(path: &Path, points: [usize; 3], axes: DMat3, first: DVec3, cells: bool) -> Result<Grid> {
-    let dims = if cells { points.map(|n| (n - n.min(1)).max(1)) } else { points };
-    let corner = if cells { first } else { first - axes * DVec3::splat(0.5) };
-    grid(path, dims, DAffine3 { matrix3: axes, translation: corner })
-}
-
-/// The text of a file, word by word and line by line, with the place in it.
-struct Text<'a> {
-    path: &'a Path,
-    file: BufReader<File>,
-    length: u64,
-    at: u64,
-}
-
-impl Text<'_> {
-    fn byte(&mut self) -> Result<Option<u8>> {
-        let byte = self.file.fill_buf().map_err(|e| io(self.path, "read", e))?.first().copied();
-        if byte.is_some() {
-            self.file.consume(1);
-            self.at += 1;
-        }
-        Ok(byte)
-    }
-
-    /// The next word; none where the file is over. Stops behind the blank that ends it; says whether that ended the line.
-    fn word_and_end(&mut self) -> Result<Option<(String, bool)>> {
-        let mut word = Vec::new();
-        loop {
-            match self.byte()? {
-                Some(b) if !b.is_ascii_whitespace() => {
-                    if word.len() == LONGEST {
-                        let start = quote(&String::from_utf8_lossy(&word[..40]));
-                        return Err(bad(self.path, format!("the word '{start}…' has more than {LONGEST} bytes"), "a keyword is due there"));
-                    }
-                    word.push(b);
-                }
-                end if !word.is_empty() => {
-                    return Ok(Some((String::from_utf8_lossy(&word).into_owned(), end.is_none_or(|b| b == b'\n'))));
-                }
-                None => return Ok(None),
-                Some(_) => {}
-            }
-        }
-    }
-
-    fn word(&mut self, what: &str) -> Result<String> {
-        match self.word_and_end()? {
-            Some((word, _)) => Ok(word),
-            None => Err(bad(self.path, format!("it ends where {what} is due"), "the file is cut short")),
-        }
-    }
-
-    /// The last word of a line; goes to the next line, where values may begin with any byte.
-    fn last(&mut self, what: &str) -> Result<String> {
-        match self.word_and_end()? {
-            Some((word, ended)) => {
-                if !ended {
-                    self.line()?;
-                }
-                Ok(word)
-            }
-            None => Err(bad(self.path, format!("it ends where {what} is due"), "the file is cut short")),
-        }
-    }
-
-    /// The rest of the line.
-    fn line(&mut self) -> Result<String> {
-        let mut line = Vec::new();
-        while let Some(b) = self.byte()?.filter(|b| *b != b'\n') {
-            if line.len() == LONGEST {
-                return Err(bad(self.path, format!("a line of its text has more than {LONGEST} bytes"), "lines are short there"));
-            }
-            line.push(b);
-        }
-        Ok(String::from_utf8_lossy(&line).trim().to_owned())
-    }
-
-    fn number<T: std::str::FromStr>(&mut self, what: &str) -> Result<T> {
-        let word = self.word(what)?;
-        self.parse(&word, what)
-    }
-
-    fn parse<T: std::str::FromStr>(&self, word: &str, what: &str) -> Result<T> {
-        word.parse().map_err(|_| bad(self.path, format!("'{}' stands where {what} is due", quote(word)), "a number is needed"))
-    }
-
-    /// Goes beyond `count` samples; false where the file ends before.
-    fn skip(&mut self, count: u64, kind: SampleType, binary: bool) -> Result<bool> {
-        if !binary {
-            for _ in 0..count {
-                if self.word_and_end()?.is_none() {
-                    return Ok(false);
-                }
-            }
-            return Ok(true);
-        }
-        let Some(to) = count.checked_mul(kind.bytes()).and_then(|n| self.at.checked_add(n)).filter(|to| *to <= self.length) else {
-            return Ok(false);
-        };
-        self.file.seek(SeekFrom::Start(to)).map_err(|e| io(self.path, "read", e))?;
-        self.at = to;
-        Ok(true)
-    }
-}
 
 /// Where an array stands.
 struct Place {

@@ -1,5 +1,6 @@
 //! The tags of an XML file, one after the other, and where the text between them lies: nothing of it is held, so that
-//! samples may stand there, which a pull parser would hold as text (it reads the tags' attributes). Comments and processing
+//! samples may stand there. `quick_xml`'s reader yields a text as one piece, gigabytes of numbers where a `.vti` has them,
+//! and a tag of any length; it reads the attributes of the tags that are found here. Comments and processing
 //! instructions are passed over; DOCTYPE (entities that grow, files that are fetched) is refused.
 
 use super::limits::{bad, io, quote};

@@ -43,6 +43,36 @@ pub type Array<'a> = (&'a str, SampleType, usize, Vec<f64>);
 /// A `.vti` of `extent` with arrays at points (and, `cells`, at cells), zlib in blocks of `block` bytes where that is above 0.
 #[allow(clippy::too_many_arguments)]
 pub fn vti(form: Vti, image: &str, extent: &str, points: &[Array], cells: &[Array], big: bool, wide: bool, block: usize) -> Vec<u8> {
+    vti_packed(form, image, extent, points, cells, big, wide, block, "ZLib")
+}
+
+/// A block as one of VTK's compressors writes it.
+fn pack(compressor: &str, bytes: &[u8]) -> Vec<u8> {
+    match compressor {
+        "ZLib" => zlib(bytes),
+        "LZ4" => lz4_flex::block::compress(bytes),
+        "LZMA" => {
+            let mut out = lzma_rust2::XzWriter::new(Vec::new(), lzma_rust2::XzOptions::with_preset(5)).unwrap();
+            out.write_all(bytes).unwrap();
+            out.finish().unwrap()
+        }
+        other => panic!("no compressor {other}"),
+    }
+}
+
+/// The same with one of VTK's compressors.
+#[allow(clippy::too_many_arguments)]
+pub fn vti_packed(
+    form: Vti,
+    image: &str,
+    extent: &str,
+    points: &[Array],
+    cells: &[Array],
+    big: bool,
+    wide: bool,
+    block: usize,
+    compressor: &str,
+) -> Vec<u8> {
     let size = |n: usize| {
         let mut raw = if wide { (n as u64).to_le_bytes().to_vec() } else { (n as u32).to_le_bytes().to_vec() };
         if big {
@@ -56,7 +86,7 @@ pub fn vti(form: Vti, image: &str, extent: &str, points: &[Array], cells: &[Arra
         if block == 0 {
             return code(&[size(raw.len()), raw.to_vec()].concat());
         }
-        let blocks: Vec<Vec<u8>> = raw.chunks(block).map(zlib).collect();
+        let blocks: Vec<Vec<u8>> = raw.chunks(block).map(|b| pack(compressor, b)).collect();
         let mut head = [size(blocks.len()), size(block), size(raw.len() % block)].concat();
         blocks.iter().for_each(|b| head.extend(size(b.len())));
         [code(&head), code(&blocks.concat())].concat()
@@ -89,7 +119,7 @@ pub fn vti(form: Vti, image: &str, extent: &str, points: &[Array], cells: &[Arra
     let (points, cells) = (section("PointData", points), section("CellData", cells));
     let order = if big { "BigEndian" } else { "LittleEndian" };
     let header = if wide { "UInt64" } else { "UInt32" };
-    let compressor = if block > 0 { " compressor=\"vtkZLibDataCompressor\"" } else { "" };
+    let compressor = if block > 0 { format!(" compressor=\"vtk{compressor}DataCompressor\"") } else { String::new() };
     let head = format!(
         "<?xml version=\"1.0\"?>\n<!-- made by a test -->\n<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"{order}\" \
          header_type=\"{header}\"{compressor}>\n<ImageData WholeExtent=\"{extent}\" {image}>\n<Piece Extent=\"{extent}\">\n"

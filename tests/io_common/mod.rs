@@ -2,6 +2,7 @@
 #![allow(dead_code)]
 
 pub mod vdb;
+pub mod zeros;
 
 use flate2::{Compression, write::GzEncoder};
 use halflight::io::SampleType;

@@ -18,6 +18,8 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
     let words: Vec<f64> = values(SampleType::I16);
     let array: Array = ("a", SampleType::I16, 1, words.clone());
     let image = |form, block| vti(form, "Spacing=\"1 2 3\"", "0 4 0 3 0 2", std::slice::from_ref(&array), &[], false, false, block);
+    let packed =
+        |compressor| vti_packed(Vti::AppendedRaw, "", "0 4 0 3 0 2", std::slice::from_ref(&array), &[], false, false, 64, compressor);
     let legacy = |mode: &str, tail: &str| {
         let head = "DATASET STRUCTURED_POINTS\nDIMENSIONS 5 4 3\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 60\nSCALARS s short\nLOOKUP_TABLE default\n";
         format!("# vtk DataFile Version 3.0\ntitle\n{mode}\n{head}{tail}").into_bytes()
@@ -43,6 +45,8 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
         ("inline.vti", image(Vti::Inline, 32)),
         ("raw.vti", image(Vti::AppendedRaw, 0)),
         ("zlib.vti", image(Vti::AppendedRaw, 32)),
+        ("lz4.vti", packed("LZ4")),
+        ("xz.vti", packed("LZMA")),
         ("binary.vtk", [legacy("BINARY", ""), bytes(SampleType::I16, true), b"\nMETADATA\n\n".to_vec()].concat()),
         ("ascii.vtk", legacy("ASCII", &ascii)),
         ("series/a.dcm", dicom.bytes()),
@@ -58,5 +62,97 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
         ("stream.nii.gz", gzip(&nifti)),
         ("field.nrrd", [field.to_vec(), vec![0; 192]].concat()),
         ("preset.json", preset.to_vec()),
+        ("a.json", br#"{"min":-100,"max":155,"R":[0,200,255],"G":[0,9,0],"B":[255,0,1],"A":[0,20,51],"I":[0,64,255]}"#.to_vec()),
+        ("slicer.xml", SLICER.to_vec()),
+        ("exposure.xml", EXPOSURE.to_vec()),
+        ("a.tfi", VOREEN.to_vec()),
+        ("a.tfg", VOREEN_CURVE.to_vec()),
+        ("a.itf", INVIWO.to_vec()),
+        ("a.vp", b"1\n1\n0.9\n0.1\n0.2\n10\n4 -10 0 30 0.5\n4 0 1 255 1\n8 -10 1 0 0 30 0 0 1\n".to_vec()),
+        ("a.1dt", b"3\n1 0 0 0 \n0 1 0 0.5 \n0 0 1 0.25 \n".to_vec()),
+        ("fog.vdb", vdb::file(&[open_vdb("float", vdb::Pack::None)])),
+        ("blosc.vdb", vdb::file(&[vdb::Grid { name: "v", ..open_vdb("vec3s", vdb::Pack::None) }, open_vdb("half", vdb::Pack::Blosc(640))])),
+        ("level_set.vdb", vdb::file(&[vdb::Grid { class: "level set", as_half: true, ..open_vdb("double", vdb::Pack::Zip) }])),
+        ("picture.hdr", radiance()),
+        ("picture.exr", exr(dir)),
     ]
+}
+
+const SLICER: &[u8] = br#"<?xml version="1.0" encoding="utf-8"?>
+<MRML>
+  <VolumeProperty name="a" gradientOpacity="4 0 1 255 1" specularPower="10" scalarOpacity="8 -10 0 -5 0 6 0.7 30 0.7" specular="0.2" shade="1" ambient="0.1" colorTransfer="8 -10 0 0 0 30 1 0.5 1" diffuse="0.9" interpolation="1"/>
+</MRML>
+"#;
+
+const EXPOSURE: &[u8] = br#"<!DOCTYPE Appearance>
+<Presets><Preset Name="a"><Nodes>
+  <Node><NormalizedIntensity Value="0"/><Opacity Value="0"/><Diffuse R="0" G="0" B="255"/><Specular R="9" G="0" B="0"/></Node>
+  <Node><NormalizedIntensity Value="1"/><Opacity Value="0.5"/><Diffuse R="255" G="0" B="0"/></Node>
+</Nodes><DensityScale Value="39"/></Preset></Presets>
+"#;
+
+const VOREEN: &[u8] = br#"<?xml version="1.0" ?>
+<VoreenData version="1"><TransFuncIntensity type="TransFuncIntensity">
+  <alphaMode value="1" /><gammaValue value="1" /><domain x="0" y="200" /><threshold x="0.1" y="0.9" />
+  <Keys>
+    <key type="TransFuncMappingKey"><intensity value="0.25" /><split value="false" /><colorL r="255" g="0" b="0" a="0" /></key>
+    <key type="TransFuncMappingKey"><intensity value="0.5" /><split value="true" /><colorL r="0" g="255" b="0" a="51" /><colorR r="0" g="0" b="255" a="102" /></key>
+  </Keys>
+</TransFuncIntensity></VoreenData>
+"#;
+
+const VOREEN_CURVE: &[u8] = br#"<VoreenData version="1"><TransFuncGaussian><domain x="0" y="100"/><Curves>
+  <curve><intensity value="0.5"/><width value="0.002"/><baseValue value="0"/><split value="false"/><active value="true"/><colorL r="255" g="0" b="0" a="102"/></curve>
+</Curves></TransFuncGaussian></VoreenData>
+"#;
+
+const INVIWO: &[u8] = br#"<?xml version="1.0" ?><InviwoTreeData version="1.0"><maskMin content="0" /><maskMax content="0.75" />
+<dataPoints><point><pos x="0.25" y="0.9"/><rgba x="1" y="0" z="0" w="0.2"/></point><point><pos x="0.75" y="0"/><rgba x="0" y="0" z="1" w="0.6"/></point></dataPoints>
+<interpolationType_ content="0" /></InviwoTreeData>
+"#;
+
+/// A grid of two leaves and a tile.
+fn open_vdb(value: &'static str, pack: vdb::Pack) -> vdb::Grid {
+    let mut tree = vdb::Tree::new(0.0);
+    (0..12).for_each(|i| tree.set([i, 2 * i % 7, 3], f64::from(i + 1), i % 5 != 0));
+    tree.tiles.push(([0, 8, 0], 8, 7.0, true));
+    vdb::Grid { pack, ..vdb::Grid::new("density", value, tree) }
+}
+
+/// A Radiance picture of 8x4 pixels without run lengths.
+fn radiance() -> Vec<u8> {
+    let pixels: Vec<u8> = (0..32u8).flat_map(|i| [i, 2 * i, 3 * i, 120 + i / 8]).collect();
+    [b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 4 +X 8\n".to_vec(), pixels].concat()
+}
+
+/// An EXR picture of 8x4 pixels.
+fn exr(dir: &Folder) -> Vec<u8> {
+    let pixels = (0..32).map(|i| [i as f32, 0.5, 2.0, 1.0]).collect();
+    let path = dir.path("picture.exr");
+    let picture = halflight::scene::Picture { width: 8, height: 4, rgba: pixels };
+    halflight::io::write_exr(&path, &picture, &[("key".into(), "value".into())]).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+/// The fuzz target that a seed is for, by its name.
+pub fn target(name: &str) -> &'static str {
+    let ends = |e: &str| name.ends_with(e);
+    match name {
+        _ if ends(".mha") || ends(".mhd") => "metaimage",
+        _ if ends(".vti") => "vti",
+        _ if ends(".vtk") => "vtk_legacy",
+        _ if ends(".dcm") => "dicom",
+        _ if ends(".tif") => "tiff",
+        _ if ends(".png") => "png",
+        _ if ends(".vdb") => "vdb",
+        _ if ends(".exr") => "exr",
+        _ if ends(".hdr") => "hdr",
+        _ if ends(".xml") || ends(".tfi") || ends(".tfg") || ends(".itf") => "transfer_xml",
+        _ if ends(".json") => "transfer_json",
+        _ if ends(".vp") => "transfer_vp",
+        _ if ends(".1dt") => "transfer_1dt",
+        "field.nrrd" => "nrrd_field",
+        _ if ends(".nrrd") || ends(".nhdr") => "nrrd",
+        _ => "nifti",
+    }
 }

@@ -115,6 +115,13 @@ fn written(preset: &Preset, back: &Preset, format: Format) -> Vec<String> {
     if curved(preset) && !curved(back) {
         lost.push(format!("midpoints and sharpness of opacities: straight lines of {} points follow them", back.opacities.len()));
     }
+    if preset.parts != back.parts {
+        let same = match (preset.parts, back.parts) {
+            (Some(n), None) | (None, Some(n)) => format!(": the same where the side has {n} voxels"),
+            _ => String::new(),
+        };
+        lost.push(format!("the length of its opacities: {} became {}{same}", preset.length(), back.length()));
+    }
     let [color, opacity] = preset.difference(back);
     if color > 1e-4 || opacity > 1e-4 {
         lost.push(format!("precision: colours are off by at most {color:.4} and opacities by {opacity:.4} of 1"));

@@ -9,6 +9,9 @@ use super::xml::Element;
 use crate::error::Result;
 use std::path::Path;
 
+/// Its shaders' REF_SAMPLING_INTERVAL.
+const PARTS: u32 = 150;
+
 pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
     let is_list = |e: &Element| e.child("dataPoints").is_some() || e.child("Points").is_some();
     let function = root.find(&is_list).unwrap_or(root);
@@ -34,6 +37,7 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
         clip(&mut points, mask("maskMin", 0.0)?, mask("maskMax", 1.0)?);
     }
     let mut preset = Preset::of_points(stem, &points);
+    preset.parts = Some(PARTS);
     if relative {
         (preset.domain, preset.relative) = ([0.0, 1.0], true);
     }

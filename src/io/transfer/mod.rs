@@ -4,7 +4,9 @@
 //! All of them interpolate display colours and opacities over scalars. [`Transfer`] is scene-linear and piecewise linear,
 //! so curves are resampled until it follows them. What a file says beyond that (gradient opacity, shading, …) is named by
 //! [`Preset::lost`]. Opacities are taken over the length that [`TransferOptions::reference`] says, whatever the program
-//! means by them: one voxel for VTK's, ¹⁄₂₀₀ of the volume for Voreen's, ¹⁄₁₅₀ for Inviwo's.
+//! means by them ([`Preset::length`]): one voxel for VTK's, ¹⁄₂₀₀ of the volume for Voreen's, ¹⁄₁₅₀ for Inviwo's. These parts
+//! are of the texture, whose sides are 1 along each axis: of a volume that is no cube no one length is theirs, and a file
+//! knows no volume, so that they are said, not converted.
 
 mod color;
 mod convert;
@@ -139,7 +141,7 @@ pub fn read_preset(path: &Path, name: Option<&str>) -> Result<Preset> {
     for lost in &preset.lost {
         log::warn!("{}: {format} preset '{}': {lost}", shown(path), quote(&preset.name));
     }
-    for lost in &preset.shading {
+    for lost in preset.shading.iter().cloned().chain(preset.length_here().map(|l| format!("opacities {l}"))) {
         log::info!("{}: {format} preset '{}': {lost}", shown(path), quote(&preset.name));
     }
     Ok(preset)

@@ -35,6 +35,8 @@ pub struct Preset {
     pub(super) lost: Vec<String>,
     /// The same of shading, which natural light replaces.
     pub(super) shading: Vec<String>,
+    /// Into how many parts the program divides the volume's side, to take opacities over one of them; none: over a voxel.
+    pub(super) parts: Option<u32>,
 }
 
 /// Display colour and opacity on both sides of a scalar.
@@ -50,7 +52,7 @@ impl Preset {
     pub(super) fn new(name: &str, colors: Vec<(f64, Rgb)>, opacities: Vec<OpacityPoint>) -> Self {
         let hull = hull(&colors, &opacities);
         let (lost, shading) = (Vec::new(), Vec::new());
-        Self { name: name.into(), domain: hull, relative: false, space: Space::Rgb, colors, opacities, lost, shading }
+        Self { name: name.into(), domain: hull, relative: false, space: Space::Rgb, colors, opacities, lost, shading, parts: None }
     }
 
     /// From points of colour and opacity in one: x, red, green, blue, opacity.
@@ -92,6 +94,21 @@ impl Preset {
     /// What the file says of this preset and a [`Transfer`] does not hold.
     pub fn lost(&self) -> impl Iterator<Item = &str> {
         self.lost.iter().chain(&self.shading).map(String::as_str)
+    }
+
+    /// The length that the program takes opacities over: "a voxel", "1/200 of the volume's side".
+    pub fn length(&self) -> String {
+        self.parts.map_or_else(|| "a voxel".into(), |n| format!("1/{n} of the volume's side"))
+    }
+
+    /// What that length means here, where it is none that [`Reference`](crate::scene::transfer::Reference) has.
+    pub fn length_here(&self) -> Option<String> {
+        self.parts.map(|n| {
+            format!(
+                "over {}; here over transfer.reference, a voxel where it is not set: the same where the side has {n} voxels",
+                self.length()
+            )
+        })
     }
 
     /// The scalars that the preset is about; 0 to 1 where they span the data, whatever their range.

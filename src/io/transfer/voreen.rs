@@ -11,6 +11,9 @@ use std::path::Path;
 /// Samples of a sum of Gaussian curves.
 const SAMPLES: usize = 2049;
 
+/// Its shaders' SAMPLING_BASE_INTERVAL_RCP.
+const PARTS: u32 = 200;
+
 pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
     let function = root.find(&|e| e.child("Keys").is_some() || e.child("Curves").is_some());
     let right = "a function with Keys (.tfi) or Curves (.tfg) is needed";
@@ -49,7 +52,7 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
     let domain = if relative { [0.0, 1.0] } else { domain };
     points.iter_mut().for_each(|p| p[0] = domain[0] + (domain[1] - domain[0]) * p[0]);
     let mut preset = Preset::of_points(stem, &points);
-    (preset.domain, preset.relative, preset.lost) = (domain, relative, lost);
+    (preset.domain, preset.relative, preset.lost, preset.parts) = (domain, relative, lost, Some(PARTS));
     preset.checked(path)
 }
 

@@ -1,0 +1,2 @@
+#![no_main]
+libfuzzer_sys::fuzz_target!(|data: &[u8]| halflight_fuzz::transfer(&halflight_fuzz::file("a.vp", data), data.len()));
