@@ -167,6 +167,7 @@ pub fn whole_picture(path: &Path, wanted: &MetaFilter) -> Result<bool> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use exr::prelude::{ReadChannels, ReadLayers, read};
 
     #[test]
     fn what_is_finite_stays_so_in_half() {
