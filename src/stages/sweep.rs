@@ -170,7 +170,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             sums3: sweep.sums[3].storage(0),
         },
         &kernel::Spec {
-            bands: sweep.bands.max(2),
+            bands: sweep.bands,
             // Carried tiles are at least two slices from matter: nothing is to be marched there.
             near: if slice.dense { sweep.near } else { sweep.near.min(u32::from(MARGIN)) },
             ring: sweep.near + 1,
