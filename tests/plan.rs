@@ -93,6 +93,30 @@ fn what_is_settled_is_obeyed_and_what_is_out_of_reach_is_said() {
     assert_eq!(plan.compute(&engine, &vacuum, &mut |_| (), &mut quiet).expect("field").error.relative_l2, 0.0);
 }
 
+/// Cells as fine as the light's change between them asks for: coarse in a wide haze, fine beside thin walls and on surfaces.
+#[test]
+fn the_ratio_follows_what_a_field_misses_between_its_cells() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([128; 3], [1.0; 3]).expect("grid");
+    let apart = |p: [f64; 3]| p.iter().map(|c| (c - 64.0).powi(2)).sum::<f64>().sqrt();
+    let haze = Volume::from_fn(grid, |p| (-(apart(p) / 40.0).powi(2)).exp() as f32).expect("volume");
+    let shell = Volume::from_fn(grid, |p| (2.0 - (apart(p) - 40.0).abs()).clamp(0.0, 1.0) as f32).expect("volume");
+    let ball = Surface { iso: 0.5, shading: Shading::Lambert, albedo: None };
+    let cases = [(&haze, linear(0.01), 0.1), (&haze, linear(0.01), 0.02), (&shell, linear(2.0), 0.1), (&haze, surface(ball), 0.05)];
+    let ratios = cases.map(|(volume, matter, tolerance)| {
+        let (_, medium) = load(&engine, volume, &matter);
+        let plan = plan::choose(&engine, volume, &medium, &request(Wanted::Tolerance(tolerance)), &mut quiet).expect("plan");
+        println!("{tolerance}: {}", plan.reasons[0]);
+        assert!(plan.reasons[0].contains("between its cells a field is off by "), "{:?}", plan.reasons);
+        // What it says it misses is within the tolerance, or it is the finest.
+        let missed = plan.between.expect("measured");
+        assert!((missed <= tolerance) == !plan.reasons[0].contains("to be asked for"), "{missed}");
+        assert!(missed <= tolerance || plan.settings.ratio == 2);
+        plan.settings.ratio
+    });
+    assert!(ratios[0] == 8 && ratios[1] <= ratios[0] && ratios[2] == 2 && ratios[3] < 8, "{ratios:?}");
+}
+
 #[test]
 fn bands_that_the_light_does_not_ask_for_do_not_show() {
     let surface = |shading| Some(Surface { iso: 0.4, shading, albedo: None });

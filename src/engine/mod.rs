@@ -139,6 +139,11 @@ impl Medium {
         self.matter.surface_albedo()
     }
 
+    /// Whether clipping leaves a place, voxel coordinates.
+    pub(crate) fn keeps(&self, p: [f32; 3]) -> bool {
+        self.clip.iter().all(|n| n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] >= 0.0)
+    }
+
     /// Which blocks hold matter.
     pub fn occupancy(&self) -> &Occupancy {
         &self.occupancy

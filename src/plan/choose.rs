@@ -2,7 +2,7 @@
 
 use super::bench::{Bench, FLOOR_SECONDS, Run, SHARE};
 use super::law::{DOUBTS, LEAST, Law, STEPPED, Sweeps};
-use super::ratio::ratio;
+use super::ratio::{Ratio, ratio};
 use super::truth::{CELLS, March, half_width, truth};
 use super::{Plan, Request, method as name};
 use crate::engine::{Engine, Medium, Progress};
@@ -56,8 +56,8 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     if !(0.001..=1.0).contains(&tolerance) {
         return Err(Error::Invalid { item: key, what: format!("{tolerance}"), right: "it must lie in 0.001..1, such as 0.05".into() });
     }
-    let (ratio, why) = ratio(engine, medium, request)?;
-    let mut reasons = vec![why];
+    let Ratio { ratio, between, reason, seconds: searching } = ratio(engine, volume, medium, request, progress)?;
+    let mut reasons = vec![reason];
     let base = Visibility {
         method: Method::March,
         sampling: Sampling::Stratified,
@@ -71,11 +71,13 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     let drawn = measure::draw(measure::near_matter(engine, volume, medium, ratio)?, MOST_CELLS, SEED);
     let wanted = engine.wanted_cells(medium, &base)?.len() as f64;
     let cells = drawn[..drawn.len().min(CELLS[1])].to_vec();
-    let mut bench = Bench { engine, medium, cells, bands: request.bands, tried: Vec::new(), limit: FLOOR_SECONDS, seconds: 0.0, progress };
+    let mut bench =
+        Bench { engine, medium, cells, bands: request.bands, tried: Vec::new(), limit: FLOOR_SECONDS, seconds: searching, progress };
     let mut plan = Plan {
         need: engine.need(medium, &base, request.pixels)?,
         settings: Visibility { method: Method::Sweep, directions: LEAST, bits: request.bits.unwrap_or(8), ..base.clone() },
         tolerance,
+        between,
         predicted: FieldError { relative_l2: 0.0, interval: [0.0; 2] },
         seconds: 0.0,
         reasons: Vec::new(),

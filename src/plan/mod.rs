@@ -2,9 +2,12 @@
 //! candidates at some cells of the very scene, and said beforehand with its cost.
 //!
 //! Error is relative L2 over the kept coefficients after packing, against a dense march at the same cells (see
-//! [`crate::measure`]); a field at 1:8 is judged at its own cells. What is measured, at 96 to 512 cells near matter drawn
-//! apart from those that [`crate::measure::Plan`] draws:
+//! [`crate::measure`]). What is measured, at 96 to 512 cells near matter drawn apart from those that
+//! [`crate::measure::Plan`] draws:
 //!
+//! - first, where a tolerance and no ratio is given, what fields at 1:8, 1:4 and 1:2 that are exact at their cells miss between
+//!   them: at 128 voxels of matter (beside a surface) the trilinear sum of the cells around against a march from there. The
+//!   coarsest that misses no more than the tolerance is taken, 1:2 where none does;
 //! - the march: what its step is off by (from two pairs of small direction sets), and q(N) = a·N^−p, its quadrature;
 //! - the reference: a march of 384 to 4,096 directions, as many as make its own error a third of the tolerance, half if time
 //!   is short, in steps of ½ voxel, or of ¼ where ½ shows;
@@ -80,6 +83,9 @@ pub struct Plan {
     pub settings: Visibility,
     /// The error that the field must not exceed: relative L2 over the kept coefficients.
     pub tolerance: f64,
+    /// What a field of this ratio that is exact at its cells misses between them, where that was measured: relative L2 at voxels of
+    /// matter.
+    pub between: Option<f64>,
     /// The predicted error, with the interval that the measured one should lie in.
     pub predicted: FieldError,
     /// Predicted device seconds of the field.
@@ -139,7 +145,7 @@ impl Plan {
             .map(|c| json!({ "settings": s(&c.settings), "error": c.error, "against": c.against, "seconds": c.seconds }))
             .collect();
         json!({
-            "tolerance": self.tolerance, "chosen": s(&self.settings), "predicted": self.predicted, "seconds": self.seconds,
+            "tolerance": self.tolerance, "between_cells": self.between, "chosen": s(&self.settings), "predicted": self.predicted, "seconds": self.seconds,
             "memory": self.need.peak(), "probes": self.cells.len(), "reasons": self.reasons, "tried": tried,
             "planning_seconds": self.planning_seconds, "planning_limit": self.planning_limit,
         })

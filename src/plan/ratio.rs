@@ -1,18 +1,43 @@
 //! How many voxels a cell takes.
 
 use super::Request;
-use crate::engine::{Engine, Medium};
+use super::bench::together;
+use crate::engine::{Engine, Medium, Progress};
 use crate::error::Result;
-use crate::scene::Visibility;
+use crate::measure::Points;
 use crate::scene::visibility::{Method, Quality, Wanted};
+use crate::scene::{Visibility, Volume};
+use std::time::Instant;
 
 /// Cells of a field that a plan makes finer than it would, because the volume is thin.
 const MOST_THIN: usize = 1 << 20;
 
-/// Voxels per cell, and why.
-pub(super) fn ratio(engine: &Engine, medium: &Medium, request: &Request) -> Result<(u32, String)> {
+/// Ratios that a tolerance may choose. A field at 1:1 takes eight times the cells of 1:2 and more slices to march densely:
+/// nobody waits fifty times as long unasked.
+const FINER: [u32; 3] = [8, 4, 2];
+
+/// Cells of the finest field that is taken unasked: 1:2 of 512³ voxels.
+const MOST: usize = 1 << 24;
+
+/// Points that are compared with what is read there.
+const POINTS: usize = 128;
+
+/// Voxels per cell.
+pub(super) struct Ratio {
+    pub ratio: u32,
+    /// What a field that is exact at its cells misses between them, where it was measured: relative L2.
+    pub between: Option<f64>,
+    /// Why.
+    pub reason: String,
+    /// Device seconds that finding it took.
+    pub seconds: f64,
+}
+
+/// Finds voxels per cell: for a tolerance the coarsest field that, exact at its cells, is off by no more between them, if one of
+/// [`FINER`] is.
+pub(super) fn ratio(engine: &Engine, volume: &Volume, medium: &Medium, request: &Request, progress: &mut Progress) -> Result<Ratio> {
     if let Some(ratio) = request.ratio {
-        return Ok((ratio, format!("1:{ratio} as asked")));
+        return Ok(Ratio { ratio, between: None, reason: format!("1:{ratio} as asked"), seconds: 0.0 });
     }
     let grid = medium.grid();
     let least = Visibility {
@@ -23,23 +48,61 @@ pub(super) fn ratio(engine: &Engine, medium: &Medium, request: &Request) -> Resu
         ..Visibility::default()
     };
     let peak = |ratio| engine.need(medium, &Visibility { ratio, ..least.clone() }, request.pixels).map(|need| need.least());
-    let (mut ratio, why) = match request.wanted {
-        Wanted::Quality(Quality::Draft) => (8, "draft"),
-        Wanted::Quality(Quality::Fine) => (2, "fine"),
-        Wanted::Quality(Quality::Normal) => (4, "normal"),
-        Wanted::Tolerance(_) => (4, "unless asked otherwise"),
+    let cells = |ratio: u32| grid.field_dims(ratio as usize).iter().product::<usize>();
+    let mut seconds = 0.0;
+    let (mut ratio, mut missed, mut reason) = match request.wanted {
+        Wanted::Quality(Quality::Draft) => (8, None, "1:8, draft".into()),
+        Wanted::Quality(Quality::Fine) => (2, None, "1:2, fine".into()),
+        Wanted::Quality(Quality::Normal) => (4, None, "1:4, normal".into()),
+        Wanted::Tolerance(tolerance) => {
+            let start = Instant::now();
+            engine.take_timings();
+            let found = between(engine, volume, medium, request.bands, tolerance, &cells, progress)?;
+            seconds = together(&engine.take_timings(), start);
+            found
+        }
     };
-    let mut reason = format!("1:{ratio}, {why}");
     let side = |ratio: u32| grid.field_dims(ratio as usize).into_iter().min().unwrap_or(1);
-    while ratio > 1 && side(ratio) < 16 && grid.field_dims(ratio as usize / 2).iter().product::<usize>() <= MOST_THIN {
+    while ratio > 1 && side(ratio) < 16 && cells(ratio / 2) <= MOST_THIN {
         ratio /= 2;
+        missed = None;
         reason = format!("1:{ratio}: coarser, the field's short side would have {} cells", side(2 * ratio));
     }
     let memory = engine.memory();
     let free = memory.budget.saturating_sub(memory.used);
     while ratio < 8 && peak(ratio)? > free {
         ratio *= 2;
+        missed = None;
         reason = format!("1:{ratio}: finer does not fit the memory");
     }
-    Ok((ratio, reason))
+    Ok(Ratio { ratio, between: missed, reason, seconds })
+}
+
+/// The coarsest ratio whose cells are close enough, what is missed between them, and why it was taken.
+fn between(
+    engine: &Engine,
+    volume: &Volume,
+    medium: &Medium,
+    bands: u32,
+    tolerance: f64,
+    cells: &dyn Fn(u32) -> usize,
+    progress: &mut Progress,
+) -> Result<(u32, Option<f64>, String)> {
+    let mut quiet = |_: &'static str, _: f32| progress("plan", 0.0);
+    let points = Points::draw(engine, volume, medium, bands, POINTS, &mut quiet)?;
+    if points.is_empty() {
+        return Ok((4, None, "1:4: no matter was met".into()));
+    }
+    let mut seen = Vec::new();
+    let mut found = (8, f64::NAN);
+    for ratio in FINER.into_iter().filter(|&r| r == FINER[0] || cells(r) <= MOST) {
+        found = (ratio, points.error(engine, volume, medium, ratio, &mut quiet)?.relative_l2);
+        seen.push(format!("{:.2} at 1:{ratio}", found.1));
+        if found.1 <= tolerance {
+            break;
+        }
+    }
+    let (ratio, error) = found;
+    let limit = if error <= tolerance { "" } else { "; finer ones, and their time, are to be asked for" };
+    Ok((ratio, Some(error), format!("1:{ratio}, for between its cells a field is off by {}{limit}", seen.join(", "))))
 }
