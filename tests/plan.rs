@@ -39,7 +39,10 @@ fn keeps_its_promise(volume: &Volume, matter: &Matter) {
         println!("planning took {:.2} s of at most about {:.2} s", said.planning_seconds, said.planning_limit);
         assert!(said.planning_limit >= plan::FLOOR_SECONDS);
         assert!(said.seconds >= 0.0 && said.need.peak() > made.field.bytes() && !said.reasons.is_empty() && said.probes() > 0);
-        costs.push(f64::from(plan.settings.directions) * f64::from(plan.settings.near) / f64::from(plan.settings.step));
+        // Taps: slices of `ratio` voxels at so many cells.
+        let s = &plan.settings;
+        let cells = f64::from(s.ratio).powi(-3);
+        costs.push(f64::from(s.directions) * f64::from(s.near * s.ratio) / f64::from(s.step) * cells);
         // Sabotage: with an eighth of the directions the same settings do not keep it.
         let few = Visibility { directions: (plan.settings.directions / 8).max(2), ..plan.settings.clone() };
         let field = engine.precompute(&medium, &few, &mut quiet).expect("field");

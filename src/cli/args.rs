@@ -246,7 +246,7 @@ fn wanted() -> [Arg; 2] {
             .value_name("ERROR")
             .conflicts_with("quality")
             .allow_negative_numbers(true)
-            .help("largest field error, such as 0.05: finds the cheapest settings that meet it, and says them beforehand"),
+            .help("largest field error at its cells, such as 0.05: finds the cheapest settings that meet it, and a ratio (to 1:2) that misses no more between them"),
         Arg::new("quality")
             .long("quality")
             .value_name("draft|normal|fine")

@@ -51,7 +51,7 @@ pub fn field(
     report.line(
         "planning",
         format!(
-            "takes at most about {} s of device time, or {:.0} % of what the field will take",
+            "takes about {} s of device time at most, or {:.0} % of what the field will take",
             plan::FLOOR_SECONDS,
             100.0 * plan::SHARE
         ),
@@ -111,7 +111,7 @@ fn say(report: &mut Report, plan: &Plan) {
     report.line(
         "planning",
         format!(
-            "took {:.1} of at most {:.1} s of device time, at {} cells near matter",
+            "took {:.1} of about {:.1} s of device time, at {} cells near matter",
             plan.planning_seconds,
             plan.planning_limit,
             plan.probes()

@@ -10,6 +10,9 @@ use std::time::Instant;
 /// Pixels that are measured, at most: their scatter is a hundredth of the error.
 const PIXELS: f64 = 96.0 * 72.0;
 
+/// Share of the noise's square that is itself in doubt: few samples meet what is bright and rare.
+const DOUBT: f64 = 0.1;
+
 /// Relative standard error at which the reference is sure enough.
 const SURE: f64 = 0.01;
 
@@ -123,7 +126,9 @@ pub(crate) fn judged(a: &Picture, b: &Picture, noise: f64) -> Option<(f64, [f64;
     }
     let square = squares.iter().sum::<f64>() / n;
     let variance = squares.iter().map(|s| (s - square).powi(2)).sum::<f64>() / (n - 1.0);
-    let [least, value, most] = [-1.96, 0.0, 1.96].map(|k| ((square + k * (variance / n).sqrt()) / scale - noise * noise).max(0.0).sqrt());
+    let spread = (variance / n).sqrt();
+    let at = |k: f64, doubt: f64| ((square + k * spread) / scale - (1.0 - doubt) * noise * noise).max(0.0).sqrt();
+    let [least, value, most] = [at(-1.96, -DOUBT), at(0.0, 0.0), at(1.96, DOUBT)];
     Some((value, [least, most]))
 }
 

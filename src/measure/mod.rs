@@ -7,7 +7,6 @@
 //! - [`relative_rmse`], [`compare`]: one picture against another.
 //! - [`flip`]: the perceived difference of two pictures (Andersson et al. 2020, 2021).
 
-mod between;
 mod field;
 pub mod flip;
 mod frame;
@@ -15,7 +14,6 @@ mod picture;
 mod probes;
 mod report;
 
-pub(crate) use between::Points;
 pub use field::{Errors, FieldError, errors, field_error};
 pub use frame::{PictureError, Pictured};
 #[cfg(feature = "chart")]

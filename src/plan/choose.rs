@@ -41,8 +41,8 @@ const AIM: f64 = 0.75;
 const SEED: u64 = 0x70_6c61_6e00;
 
 /// Finds the cheapest settings that meet `request`, in [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field
-/// should take, about: nothing is begun that does not fit, and what was not measured by then is extrapolated, which the
-/// plan's reasons say. Takes the engine's timings.
+/// should take, about: the ratio, which is sought first, takes some tenths of a second; then nothing is begun that does not
+/// fit, and what was not measured by then is extrapolated, which the plan's reasons say. Takes the engine's timings.
 ///
 /// # Errors
 /// [`Error::Invalid`] on `visibility.tolerance` (or `.quality`) for what is out of reach, [`Error::OutOfMemory`], and as

@@ -6,7 +6,8 @@
 //! [`crate::measure::Plan`] draws:
 //!
 //! - first, where a tolerance and no ratio is given, what fields at 1:8, 1:4 and 1:2 that are exact at their cells miss between
-//!   them: at 128 voxels of matter (beside a surface) the trilinear sum of the cells around against a march from there. The
+//!   them: at 128 voxels of matter (beside a surface) the trilinear sum of the cells around against a march from there, each voxel by
+//!   its opacity and the light that reaches it, what is systematic of two sets of directions. The
 //!   coarsest that misses no more than the tolerance is taken, 1:2 where none does;
 //! - the march: what its step is off by (from two pairs of small direction sets), and q(N) = a·N^−p, its quadrature;
 //! - the reference: a march of 384 to 4,096 directions, as many as make its own error a third of the tolerance, half if time
@@ -18,7 +19,7 @@
 //! cheapest shape and N that stay within the tolerance are taken, with a margin for the 95 % interval and for what the laws
 //! may be off by; `march` where that is cheaper.
 //!
-//! Planning is bounded: [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field should take, whichever is more. Where
+//! Planning is bounded: about [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field should take, whichever is more. Where
 //! that is short the cells get fewer, then the reference coarser, then the sweeps fewer, and the plan says so.
 //!
 //! The computed field is measured at the plan's cells before it is handed out: the upper end of its 95 % interval must be
@@ -27,6 +28,7 @@
 
 mod bands;
 mod bench;
+mod between;
 mod choose;
 mod compute;
 mod law;

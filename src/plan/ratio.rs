@@ -2,9 +2,9 @@
 
 use super::Request;
 use super::bench::together;
+use super::between::Points;
 use crate::engine::{Engine, Medium, Progress};
 use crate::error::Result;
-use crate::measure::Points;
 use crate::scene::visibility::{Method, Quality, Wanted};
 use crate::scene::{Visibility, Volume};
 use std::time::Instant;
@@ -56,6 +56,9 @@ pub(super) fn ratio(engine: &Engine, volume: &Volume, medium: &Medium, request: 
         Wanted::Quality(Quality::Normal) => (4, None, "1:4, normal".into()),
         Wanted::Tolerance(tolerance) => {
             let start = Instant::now();
+            // What has to be compiled first is nobody's cost.
+            let one = Visibility { method: Method::March, directions: 1, step: 1.0, bands: request.bands, ..Visibility::default() };
+            engine.estimate(medium, &one, &[0], &mut |_, _| progress("plan", 0.0))?;
             engine.take_timings();
             let found = between(engine, volume, medium, request.bands, tolerance, &cells, progress)?;
             seconds = together(&engine.take_timings(), start);
@@ -66,14 +69,14 @@ pub(super) fn ratio(engine: &Engine, volume: &Volume, medium: &Medium, request: 
     while ratio > 1 && side(ratio) < 16 && cells(ratio / 2) <= MOST_THIN {
         ratio /= 2;
         missed = None;
-        reason = format!("1:{ratio}: coarser, the field's short side would have {} cells", side(2 * ratio));
+        reason = format!("1:{ratio}: coarser, the field's short side would have {} cells ({reason})", side(2 * ratio));
     }
     let memory = engine.memory();
     let free = memory.budget.saturating_sub(memory.used);
     while ratio < 8 && peak(ratio)? > free {
         ratio *= 2;
         missed = None;
-        reason = format!("1:{ratio}: finer does not fit the memory");
+        reason = format!("1:{ratio}: finer does not fit the memory ({reason})");
     }
     Ok(Ratio { ratio, between: missed, reason, seconds })
 }
@@ -96,7 +99,7 @@ fn between(
     let mut seen = Vec::new();
     let mut found = (8, f64::NAN);
     for ratio in FINER.into_iter().filter(|&r| r == FINER[0] || cells(r) <= MOST) {
-        found = (ratio, points.error(engine, volume, medium, ratio, &mut quiet)?.relative_l2);
+        found = (ratio, points.error(engine, volume, medium, ratio, &mut quiet)?);
         seen.push(format!("{:.2} at 1:{ratio}", found.1));
         if found.1 <= tolerance {
             break;

@@ -68,7 +68,12 @@ pub const KEYS: &[Key] = &[
     key("light.scale", "FACTOR", "1", "factor on the light's radiance"),
     key("light.bands", "1|2|3|4", "4", "spherical-harmonic bands of the light that are used"),
     key("light.window", "none|hanning|lanczos", "none", "window on the light's bands against ringing"),
-    key("visibility.tolerance", "ERROR", "none", "largest field error: method, directions, near, step and bits are found by measuring"),
+    key(
+        "visibility.tolerance",
+        "ERROR",
+        "none",
+        "largest field error: method, ratio, directions, near, step and bits are found by measuring",
+    ),
     key("visibility.quality", "draft|normal|fine", "none", "tolerance 0.12, 0.06 or 0.03, and a field at 1:8, 1:4 or 1:2"),
     key("visibility.method", "march|hierarchical|sweep", "hierarchical", "dense march (the reference), opacity pyramid, or swept slices"),
     key("visibility.ratio", "1|2|4|8", "4", "voxels per cell of the visibility field, along each axis"),

@@ -56,16 +56,21 @@ pub(super) fn pinhole(lab: &mut Lab) -> Result<()> {
         let variance = second / sum.max(1e-30) - (first / sum.max(1e-30)).powf(2.0);
         let width = (0.5 * (variance.x + variance.y)).max(0.0).sqrt();
         let area = sum * h * h / open;
-        let taps = 26.0 / h;
+        // Slices that hand on, each over `near` marched ones.
+        let taps = 26.0 / (h * f64::from(m.settings.near.max(1)));
         let (areas, widths, why) = match (m.settings.method, m.settings.ratio) {
             (Method::March, _) => (Within(0.6, 1.5), Within(0.5, 1.0), "2 or 3 cells of 1 along each side"),
             (Method::Hierarchical, _) => (Fails(11.0, 25.0), Fails(3.5, 6.0), "far up, the wall is averaged with vacuum and leaks"),
             (_, 1) => (
-                AtMost(1.5),
-                AtMost((0.6 + taps / 4.0).sqrt()),
+                Within(0.7, 1.5),
+                Within(0.5, (0.6 + taps / 4.0).sqrt()),
                 "2 or 3 cells of 1 a side, as marched; a bilinear tap gains no light, blurs by 1/4 cell^2",
             ),
-            _ => (AtMost(16.001 / open), AtMost(h * (0.6 + taps / 4.0).sqrt()), "the hole is smaller than a cell: at most one cell's face"),
+            _ => (
+                Fails(0.0, 16.001 / open),
+                Fails(0.0, h * (0.6 + taps / 4.0).sqrt()),
+                "the hole is smaller than a cell: nothing, or up to one cell's face",
+            ),
         };
         lab.row(&m.name, "beam's area, of the true one", area, areas, why);
         lab.row(&m.name, "beam's rms half width, voxels (true: 0.7)", width, widths, why);

@@ -136,8 +136,8 @@ pub(super) fn tube(lab: &mut Lab) -> Result<()> {
             _ => [Fails(4.5, 9.5), Fails(2.2, 5.0), Fails(2.6, 6.0), Fails(0.3, 0.8)],
         },
         hierarchical: "bore and wall share a cell of the pyramid; far up the wall's outside, too",
-        // A bilinear tap has a variance of at most 1/4 cell: an edge is blurred by √k/2 on either side.
-        sweep: (AtMost((1.0 + (up as f64).sqrt() / 6.0).powi(2)), "k taps blur the opening's edges by sqrt(k)/2 voxels"),
+        // A bilinear tap has a variance of at most 1/4 cell: an edge is blurred by √k/2 on either side, as much out as in.
+        sweep: (Within(0.75, 1.5), "k taps blur the opening's edges by sqrt(k)/2 voxels; what goes in comes out, about"),
     };
     let heights = [31usize, 23, 7];
     let cells: Vec<u32> = heights.iter().flat_map(|&z| [[7, 7], [8, 8], [6, 8]].map(|[x, y]| cell(n, [x, y, z]))).collect();

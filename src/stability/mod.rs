@@ -134,7 +134,7 @@ const fn case(name: &'static str, about: &'static str, run: fn(&mut Lab) -> Resu
 pub const CASES: &[Case] = &[
     case("sheet", "an opaque sheet of one voxel at growing distance; truth: the rectangle that it covers", matter::sheet),
     case("checkerboard", "alternating voxels, thin: their mean; alternating opaque blocks: the dense reference", matter::checkerboard),
-    case("far voxel", "one opaque voxel, 8 to 14 voxels off; truth: its solid angle", matter::far_voxel),
+    case("far voxel", "one opaque voxel, 7 to 11 voxels off; truth: a dense march of other directions at each cell", matter::far_voxel),
     case("tube", "a bore of 6 voxels in opaque matter, seen from its bottom; truth: its opening's solid angle", matter::tube),
     case("half-space", "above an opaque plane; truth: the zonal coefficients of a step", matter::half_space),
     case("pinhole", "one direction through a hole of 3x3 voxels in a wall; truth: the hole's own width", beam::pinhole),
