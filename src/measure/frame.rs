@@ -156,11 +156,14 @@ mod tests {
         // Off by 0.3 of a mean of 2, seen through noise of 0.4 of that mean.
         let (exact, noisy) = (picture(0.3, 0.0), picture(0.0, 0.8));
         let (rmse, [least, most]) = judged(&exact, &noisy, 0.4).unwrap();
-        assert!((rmse - 0.15).abs() < 0.02 && least < 0.15 && most > 0.15 && most - least < 0.1, "{rmse} [{least}, {most}]");
+        assert!((rmse - 0.15).abs() < 0.02, "{rmse}");
+        // A tenth of the noise's square, and the pixels' scatter of about 0.003: √(0.0225 ± 0.019).
+        assert!((0.04..0.10).contains(&least) && (0.18..0.22).contains(&most), "[{least}, {most}]");
         // Sabotage: with its noise left in, the error is another.
         assert!(judged(&exact, &noisy, 0.0).unwrap().0 > 0.4);
         // Noise alone is no error, and nothing covered is none either.
-        assert_eq!(judged(&picture(0.0, 0.0), &noisy, 0.4).unwrap().1[0], 0.0);
+        let [none, some] = judged(&picture(0.0, 0.0), &noisy, 0.4).unwrap().1;
+        assert!(none == 0.0 && some > 0.3 * 0.4, "what noise hides may be a third of it: {some}");
         assert!(judged(&exact, &Picture::new(64, 64), 0.0).is_none());
     }
 }
