@@ -94,7 +94,7 @@ impl Scope {
     }
 }
 
-/// Sets an output to "nothing"; the place to write the result to.
+/// Sets an output to "nothing"; the place to write the result to. Its fault is looked at once the engine is known, which keeps it.
 pub(super) fn out<T>(item: &str, at: *mut *mut T) -> Result<Out<T>> {
     if at.is_null() {
         return Err(Fault::invalid(item, "is NULL", "a place for the handle is needed"));
@@ -139,6 +139,18 @@ pub(super) fn read<T: Sized_>(item: &str, at: *const T) -> Result<T> {
 
 /// Reads an extension.
 pub(super) fn read_as<T: Sized_>(item: &str, at: *const T, kind: i32) -> Result<T> {
+    let value = look(item, at, kind)?;
+    unreserved(item, &value)?;
+    Ok(value)
+}
+
+/// Refuses a struct whose reserved member is set.
+pub(super) fn unreserved<T: Sized_>(item: &str, value: &T) -> Result<()> {
+    if value.reserved() { Err(Fault::invalid(item, "its member reserved is set", "it must be 0")) } else { Ok(()) }
+}
+
+/// Reads an extension whose reserved member is still to be looked at.
+pub(super) fn look<T: Sized_>(item: &str, at: *const T, kind: i32) -> Result<T> {
     let size = size_of_struct(item, at)?;
     let mut value = std::mem::MaybeUninit::<T>::zeroed();
     let ours = size_of::<T>();

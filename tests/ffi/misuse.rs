@@ -247,6 +247,20 @@ fn structs_of_other_versions_are_read_by_their_size() {
     refused!(HL_ERROR_INVALID, "struct_type is 3", hl_precompute(engine.0, &info, &mut field));
     let info = hl_precompute_info { next: std::ptr::from_ref(&later).cast(), ..quick(volume) };
     refused!(HL_ERROR_INVALID, "no extension", hl_precompute(engine.0, &info, &mut field));
+    // What is reserved stays free for later versions.
+    let path = c"/nowhere/a.png".as_ptr();
+    let (mut made, mut transfer) = (null_mut(), null_mut());
+    let picture = image(engine.0, &small(self::field(engine.0, &quick(volume))));
+    let data = ball(4);
+    refused!(HL_ERROR_INVALID, "reserved", hl_engine_create(&hl_engine_info { reserved: 1, ..init() }, &mut none));
+    refused!(HL_ERROR_INVALID, "reserved", hl_volume_create(engine.0, &hl_volume_info { reserved: 1, ..volume_info(&data, 4) }, &mut made));
+    refused!(HL_ERROR_INVALID, "reserved", hl_transfer_create(engine.0, &hl_transfer_info { reserved: 1, ..init() }, &mut transfer));
+    let preset = hl_transfer_file_info { reserved: -1, ..init() };
+    refused!(HL_ERROR_INVALID, "reserved", hl_transfer_load(engine.0, path, &preset, &mut transfer));
+    refused!(HL_ERROR_INVALID, "reserved", hl_image_save(picture, path, &hl_save_info { reserved: 1, ..init() }));
+    let surface = hl_surface { iso: 100.0, reserved: 1, ..init() };
+    let info = hl_precompute_info { surface: &surface, ..quick(volume) };
+    refused!(HL_ERROR_INVALID, "reserved", hl_precompute(engine.0, &info, &mut field));
     // What is filled ends where the caller's struct does.
     let mut short = [0xabu8; size_of::<hl_device_info>()];
     short[..16].fill(0);
