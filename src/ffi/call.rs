@@ -182,7 +182,8 @@ fn size_of_struct<T: Sized_>(item: &str, at: *const T) -> Result<usize> {
     }
     // SAFETY: every such struct begins with its size.
     let size = unsafe { at.cast::<u32>().read_unaligned() } as usize;
-    if !(size_of::<hl_header>()..=MAX_STRUCT).contains(&size) {
+    // What is no multiple of the alignment is no sizeof, and would cut a pointer in half.
+    if !(size_of::<hl_header>()..=MAX_STRUCT).contains(&size) || !size.is_multiple_of(align_of::<T>()) {
         return Err(Fault::invalid(item, format_args!("struct_size is {size}"), "set it to the sizeof of the struct"));
     }
     Ok(size)

@@ -234,10 +234,22 @@ fn structs_of_other_versions_are_read_by_their_size() {
     refused!(HL_ERROR_INVALID, "beyond the 144 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     assert!(field.is_null());
     // Shorter, as of an earlier one: the rest is zero, whatever stands there.
-    let mut earlier = quick(volume);
-    earlier.struct_size = 92;
-    earlier.tolerance = f64::NAN;
-    ok!(hl_precompute(engine.0, &earlier, &mut field));
+    for size in [88, 96] {
+        let earlier = hl_precompute_info { struct_size: size, tolerance: f64::NAN, ..quick(volume) };
+        ok!(hl_precompute(engine.0, &earlier, &mut field));
+    }
+    // Half a pointer is none.
+    let clip = hl_clip { high: [1.0; 3], ..init() };
+    for size in [92, 140, 143] {
+        let info = hl_precompute_info { struct_size: size, clip: &raw const clip, ..quick(volume) };
+        refused!(HL_ERROR_INVALID, &format!("struct_size is {size}"), hl_precompute(engine.0, &info, &mut field));
+    }
+    let mut none = std::ptr::null_mut();
+    let info = hl_engine_info { struct_size: 20, device: c"llvmpipe".as_ptr(), ..init() };
+    refused!(HL_ERROR_INVALID, "hl_engine_info: struct_size is 20", hl_engine_create(&info, &mut none));
+    assert!(none.is_null());
+    let mut cut = hl_device_info { struct_size: 20, ..init() };
+    refused!(HL_ERROR_INVALID, "hl_device_info: struct_size is 20", hl_engine_get_device(engine.0, &mut cut));
     // No size, no sense.
     for (size, words) in [(0, "struct_size is 0"), (8, "struct_size is 8"), (u32::MAX, "struct_size is 4294967295")] {
         let info = hl_precompute_info { struct_size: size, ..quick(volume) };
