@@ -333,6 +333,9 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("at most 16384", hl_render_info { width: 1 << 20, ..base }),
         ("image.step", hl_render_info { step: f64::NAN, ..base }),
         ("image.step", hl_render_info { step: 1e-12, ..base }),
+        ("image.step", hl_render_info { step: 1e-18, ..base }),
+        ("image.step", hl_render_info { step: 1e-19, ..base }),
+        ("image.step", hl_render_info { step: f64::from_bits(1), ..base }),
         ("camera.fov", camera(hl_camera { fov: f64::NAN, ..zero })),
         ("camera.position", camera(hl_camera { space: HL_CAMERA_WORLD, ..zero })),
         ("camera.up", camera(hl_camera { space: HL_CAMERA_SIDE, position: [0.0, 0.0, 3.0], ..zero })),
@@ -358,6 +361,16 @@ fn values_out_of_range_are_refused_with_a_sentence() {
 
     let data = ball(8);
     let base = volume_info(&data, 8);
+    // Voxels so long that the steps of their shortest edge cannot be counted.
+    ok!(hl_volume_create(engine.0, &hl_volume_info { spacing: [1.0, 1.0, 1e19], ..base }, &mut made));
+    let long = hl_precompute_info { method: HL_METHOD_HIERARCHICAL, growth: 1.0, ..quick(made) };
+    ok!(hl_precompute(engine.0, &long, &mut field));
+    refused!(HL_ERROR_INVALID, "image.step", hl_render(engine.0, &small(field), &mut image));
+    refused!(
+        HL_ERROR_INVALID,
+        "visibility.step",
+        hl_precompute(engine.0, &hl_precompute_info { method: HL_METHOD_MARCH, ..long }, &mut field)
+    );
     let cases: Vec<(&str, hl_volume_info)> = vec![
         ("grid dims", hl_volume_info { dims: [0, 8, 8], ..base }),
         ("grid dims", hl_volume_info { dims: [u32::MAX; 3], ..base }),
