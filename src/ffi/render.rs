@@ -81,14 +81,14 @@ impl Request {
             vulkan::tell(target.handed_back, image.handed_back());
             return Ok(done?);
         }
-        let (mut picture, samples, layers) = match &self.reference {
+        let (mut picture, samples, layers, cancelled) = match &self.reference {
             Some(settings) => {
                 let sky = self.light.sky()?;
                 let mut progress = |stage, f| work.tell(stage, f);
                 let made = engine.render_reference(medium, &sky, &self.camera, &self.image, settings, &mut progress)?;
                 let e = made.relative_error;
                 work.error([e, e, e]);
-                (made.picture, made.samples, None)
+                (made.picture, made.samples, None, made.cancelled)
             }
             None => {
                 let lit = self.field.lit(&engine, &self.light.prepared())?;
@@ -102,12 +102,13 @@ impl Request {
                         Some(self.behind(work, &engine, medium, (&lit, &picture, &hits))?)
                     }
                 };
-                (picture, 0, layers)
+                (picture, 0, layers, false)
             }
         };
         self.background(&mut picture)?;
         work.image(ImageCell::new(self.host, picture, layers), samples);
-        Ok(())
+        // What was finished before can still be had from the job.
+        if cancelled { Err(crate::Error::Cancelled.into()) } else { Ok(()) }
     }
 
     /// What lies behind the pixels.
