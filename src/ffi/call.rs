@@ -50,12 +50,13 @@ impl Scope {
     /// The object of a handle, of an engine that is whole and the same for all objects of the call; not from within a
     /// callback.
     pub fn get<T: Object>(&mut self, handle: *const T::Handle) -> Result<Arc<T>> {
-        let object = handle::find::<T>(handle)?;
-        self.about(object.host(), T::NAME)?;
-        if self.active.is_none() {
-            self.active = Some(object.host().begin()?);
-        }
-        Ok(object)
+        handle::find::<T>(handle, |object| {
+            self.about(object.host(), T::NAME)?;
+            if self.active.is_none() {
+                self.active = Some(object.host().begin()?);
+            }
+            Ok(())
+        })
     }
 
     /// The same, or `None` for NULL.
@@ -65,20 +66,29 @@ impl Scope {
 
     /// The object of a handle, also from within a callback.
     pub fn inside<T: Object>(&mut self, handle: *const T::Handle) -> Result<Arc<T>> {
-        let object = handle::find::<T>(handle)?;
-        self.about(object.host(), T::NAME)?;
-        Ok(object)
+        handle::find::<T>(handle, |object| {
+            self.about(object.host(), T::NAME)?;
+            self.active = Some(object.host().enter()?);
+            Ok(())
+        })
     }
 
     /// Forgets a handle, also of an engine that is poisoned; not from within a callback.
     pub fn take<T: Object>(&mut self, handle: *const T::Handle) -> Result<Option<Arc<T>>> {
-        if handle.is_null() {
-            return Ok(None);
-        }
-        let host = handle::find::<T>(handle)?.host().clone();
-        self.host = Some(host.clone());
-        host.outside()?;
-        handle::take::<T>(handle)
+        handle::take::<T>(handle, |object| {
+            self.host = Some(object.host().clone());
+            object.host().outside()?;
+            self.active = Some(object.host().enter()?);
+            Ok(())
+        })
+    }
+
+    /// Forgets the handle of an engine, which then ends: it is not waited for by itself.
+    pub fn end<T: Object>(&mut self, handle: *const T::Handle) -> Result<Option<Arc<T>>> {
+        handle::take::<T>(handle, |object| {
+            self.host = Some(object.host().clone());
+            object.host().outside()
+        })
     }
 
     fn about(&mut self, host: &Arc<Host>, name: &str) -> Result<()> {

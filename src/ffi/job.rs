@@ -107,6 +107,8 @@ impl Job {
         state.outcome = Some(outcome);
         self.ended.notify_all();
         drop(state);
+        // What it made may be on the device, which can go as soon as this is no longer active.
+        drop(self);
         drop(active);
     }
 
