@@ -227,6 +227,7 @@ pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const h
 
 /// A volume from an image or a buffer of the host's device.
 fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell>> {
+    let source = vulkan::Source::of(info.next)?;
     if !info.data.is_null() {
         return Err(Fault::invalid("hl_volume_info.data", "stands beside an image or buffer", "set it to NULL"));
     }
@@ -234,7 +235,6 @@ fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell
         let right = "an image or a buffer of the host's holds one number a voxel: set both to 0";
         return Err(Fault::invalid("hl_volume_info.components and component", "are set", right));
     }
-    let source = vulkan::Source::of(info.next)?;
     let (grid, slope) = (grid(info)?, if info.slope == 0.0 { 1.0 } else { info.slope });
     let turn = host.turn()?;
     let rescale = (slope, info.intercept);

@@ -128,6 +128,24 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
     // SAFETY: what is wrong is found out.
     assert_eq!(unsafe { hl_volume_create(engine, &two, &mut imaged) }, HL_ERROR_INVALID);
     assert!(last().contains("one number a voxel"), "{}", last());
+    // A refusal says that the thing was not touched.
+    assert_eq!(back, 0);
+    for wrong in [
+        hl_volume_info { dims: [0; 3], ..info },
+        hl_volume_info { r#type: HL_INT64, ..info },
+        hl_volume_info { data: data.as_ptr().cast(), ..info },
+    ] {
+        back = 1;
+        // SAFETY: as above.
+        assert_eq!(unsafe { hl_volume_create(engine, &wrong, &mut imaged) }, HL_ERROR_INVALID);
+        assert_eq!(back, 0, "{}", last());
+    }
+    back = 1;
+    let spare = hl_vulkan_buffer { reserved: 1, ..lent };
+    let wrong = hl_volume_info { next: from_ref(&spare).cast(), ..info };
+    // SAFETY: as above.
+    assert_eq!(unsafe { hl_volume_create(engine, &wrong, &mut imaged) }, HL_ERROR_INVALID);
+    assert!(last().contains("reserved") && back == 0, "{back} {}", last());
 
     let texels = Texels::new(&host, vk::Format::R8_UNORM, [N as u32; 3]);
     let commands = Commands::begin(&host);
