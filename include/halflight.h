@@ -15,7 +15,8 @@
  * Jobs.     What a running job (or blocking call) reads cannot be changed meanwhile: HL_ERROR_BUSY. It can be destroyed.
  * Callbacks run on the thread of the call or of the job. Within one, of the same engine only hl_job_poll, _cancel,
  *           _timing, _get_field, _get_image and hl_last_error work (and hl_job_wait of 0 seconds, a look); all else on it
- *           returns HL_ERROR_REENTRANT. Other engines may be used.
+ *           returns HL_ERROR_REENTRANT. Other engines may be used. None may throw an exception or longjmp out: either would
+ *           end the process.
  * Units.    World coordinates are the data's own units; voxel i covers i..i+1. Radiance is linear RGB. Angles: degrees.
  *
  * C99 or C++. Layouts are those of the platform's C ABI; HL_ABI counts incompatible changes of them. */

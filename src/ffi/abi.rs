@@ -142,7 +142,8 @@ pub struct hl_job {
     _private: [u8; 0],
 }
 
-// Callbacks may unwind here (C++ exceptions and Rust panics): the entry that called them catches it.
+// Panics of callbacks in Rust are caught by the entry that called them. Exceptions of other languages would end the process:
+// the header forbids them.
 pub type hl_log_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, severity: i32, text: *const c_char)>;
 pub type hl_release_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, data: *const c_void)>;
 pub type hl_progress_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, stage: *const c_char, fraction: f32) -> i32>;
