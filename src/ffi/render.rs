@@ -244,8 +244,9 @@ pub unsafe extern "C" fn hl_render(engine: *mut hl_engine, info: *const hl_rende
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_render_start(engine: *mut hl_engine, info: *const hl_render_info, job: *mut *mut hl_job) -> hl_status {
     enter(|scope| {
-        let out = out("job", job)?;
+        let out = out("job", job);
         let request = Request::of(scope, engine, info)?;
+        let out = out?;
         let (host, progress) = (request.host.clone(), request.progress);
         out.give(Job::start(&host, progress, request.body())?)
     })

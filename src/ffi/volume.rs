@@ -200,8 +200,9 @@ fn strides(info: &hl_volume_info, kind: SampleType, components: u32) -> Result<[
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const hl_volume_info, volume: *mut *mut hl_volume) -> hl_status {
     enter(|scope| {
-        let out = out("volume", volume)?;
+        let out = out("volume", volume);
         let host = scope.engine(engine)?;
+        let out = out?;
         let info = read("hl_volume_info", info)?;
         if !info.next.is_null() {
             return out.give(from_device(&host, &info)?);
@@ -250,8 +251,9 @@ pub unsafe extern "C" fn hl_volume_load(
     volume: *mut *mut hl_volume,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("volume", volume)?;
+        let out = out("volume", volume);
         let host = scope.engine(engine)?;
+        let out = out?;
         let path = super::call::path(path)?;
         let options = if info.is_null() { ReadOptions::default() } else { options(&read("hl_load_info", info)?)? };
         let read = Arc::new(host.log.during(host.id, || io::read_volume(&path, &options))?);
