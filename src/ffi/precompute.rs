@@ -115,7 +115,7 @@ impl Request {
         let directions = field.settings().directions;
         if let Some(seconds) = self.measure {
             // The field can be had while it is measured.
-            work.field(FieldCell::new(&self.host, &medium, field.clone(), &self.asked, error), directions);
+            work.last_field(FieldCell::new(&self.host, &medium, field.clone(), &self.asked, error), directions);
             work.part(end, 1.0);
             error = Some(self.measured(work, &engine, &medium, &field, seconds)?);
         }

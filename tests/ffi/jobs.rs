@@ -312,8 +312,12 @@ fn errors_are_measured_and_tolerances_kept() {
     let (few, _) = run(&hl_precompute_info { measure: 1, ..quick(volume) });
     let (many, _) = run(&hl_precompute_info { measure: 1, directions: 256, near_slices: 2, ..quick(volume) });
     assert!(many.error > 0.0 && many.error < few.error, "{} {}", many.error, few.error);
+    // Measuring is no pass.
+    assert_eq!((few.passes, many.passes), (1, 1));
+    let (passes, _) = run(&hl_precompute_info { measure: 1, directions: 256, progressive: 1, ..quick(volume) });
+    assert_eq!((passes.passes, passes.directions), (4, 256));
     let (planned, found) = run(&hl_precompute_info { volume, tolerance: 0.1, ..init() });
-    assert!(planned.error_high <= 0.1, "{}", planned.error_high);
+    assert!(planned.error_high <= 0.1 && planned.passes == 1, "{} {}", planned.error_high, planned.passes);
     println!("tolerance 0.1: method {}, {} directions, error {:.4}", found.method, found.directions, planned.error);
 }
 
