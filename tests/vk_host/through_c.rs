@@ -96,6 +96,10 @@ fn seen(engine: *mut hl_engine, volume: *mut hl_volume) -> (Vec<f32>, [f64; 3], 
     (pixels, [found.error, found.error_low, found.error_high], bins)
 }
 
+unsafe extern "C-unwind" fn stop(_: *mut c_void, _: *const c_char, _: f32) -> i32 {
+    1
+}
+
 #[test]
 fn volumes_of_the_hosts_device_are_planned_and_measured() {
     let host = Host::new();
@@ -166,6 +170,18 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
     let info = hl_volume_info { next: from_ref(&lent).cast(), ..info };
     ok!(hl_volume_create(engine, &info, &mut imaged));
     assert_eq!(seen(engine, imaged), expected);
+    // A picture that is cancelled before, or refused, leaves the image alone and says so.
+    let (mut field, mut none) = (null_mut(), null_mut());
+    ok!(hl_precompute(engine, &hl_precompute_info { volume: plain, directions: 8, ..init(0) }, &mut field));
+    let target = hl_vulkan_image { handed_back: &mut back, ..lent };
+    let picture = hl_render_info { field, next: from_ref(&target).cast(), width: 8, height: 8, ..init(0) };
+    let cancelled = hl_render_info { progress: Some(stop), ..picture };
+    for (wrong, status) in [(cancelled, HL_ERROR_CANCELLED), (hl_render_info { field: null_mut(), ..picture }, HL_ERROR_HANDLE)] {
+        back = 1;
+        // SAFETY: as above.
+        assert_eq!(unsafe { hl_render(engine, &wrong, &mut none) }, status, "{}", last());
+        assert_eq!(back, 0, "{}", last());
+    }
 
     // A plan keeps its word there, and may be asked what it costs.
     let info = hl_precompute_info { volume: buffered, tolerance: 0.15, progressive: 1, ..init(0) };
