@@ -6,7 +6,8 @@
  * Calls.    Every call returns HL_OK or another hl_status; the sentence to a negative one: hl_last_error. A call that
  *           fails creates nothing and sets the handles that it was to give to NULL. Nothing here exits or aborts.
  * Structs.  HL_INIT first: struct_size is the sizeof the struct, any other member 0 means its default. Later versions
- *           append members: a longer struct than the library knows is taken if the rest is zero, a shorter one as if.
+ *           append members: a longer struct than the library knows is taken if the rest is zero, a shorter one as
+ *           if its missing members were 0. No struct_size ends within a pointer or number; what is `reserved` must be 0.
  * Handles.  NULL, destroyed and foreign ones give HL_ERROR_HANDLE. What a thing was made from may be destroyed before
  *           it. hl_engine_destroy stops the engine's jobs and destroys all that was made from it.
  * Threads.  Any call, from any thread. Engines know nothing of each other. Calls that need one engine's device run one
@@ -15,7 +16,8 @@
  * Jobs.     What a running job (or blocking call) reads cannot be changed meanwhile: HL_ERROR_BUSY. It can be destroyed.
  * Callbacks run on the thread of the call or of the job. Within one, of the same engine only hl_job_poll, _cancel,
  *           _timing, _get_field, _get_image and hl_last_error work (and hl_job_wait of 0 seconds, a look); all else on it
- *           returns HL_ERROR_REENTRANT. Other engines may be used.
+ *           returns HL_ERROR_REENTRANT. Other engines may be used. None may throw an exception or longjmp out: either would
+ *           end the process.
  * Units.    World coordinates are the data's own units; voxel i covers i..i+1. Radiance is linear RGB. Angles: degrees.
  *
  * C99 or C++. Layouts are those of the platform's C ABI; HL_ABI counts incompatible changes of them. */
@@ -66,7 +68,7 @@ typedef int32_t hl_status;
 /* Version of the library that runs, and its HL_ABI. Any pointer may be NULL. */
 hl_status hl_version(uint32_t *major, uint32_t *minor, uint32_t *patch, uint32_t *abi);
 
-/* The name of a status, such as "HL_ERROR_BUSY"; static. */
+/* The name of a status, such as "HL_ERROR_BUSY"; static. Of a number that is none: HL_ERROR_INVALID, and NULL for a name. */
 hl_status hl_status_name(hl_status status, const char **name);
 
 /* Status and sentence of this thread's last failed call on the engine (on any engine, or none, with NULL). Copies at most
@@ -372,12 +374,14 @@ hl_status hl_job_poll(hl_job *job, hl_job_state *state);
 hl_status hl_job_wait(hl_job *job, double seconds);
 hl_status hl_job_cancel(hl_job *job); /* returns at once; the job ends after the dispatch under way */
 hl_status hl_job_timing(const hl_job *job, uint32_t index, hl_timing *timing); /* HL_END after the last kernel */
-/* The result of the last finished pass, as a new handle; also while the job runs on and after it was cancelled. */
+/* The result of the last finished pass, as a new handle; also while the job runs on and after it was cancelled. Reference
+ * pictures give theirs at the end only, a cancelled one that of the passes finished before. */
 hl_status hl_job_get_field(hl_job *job, hl_field **field);
 hl_status hl_job_get_image(hl_job *job, hl_image **image);
 hl_status hl_job_destroy(hl_job *job); /* cancels it and waits for its end: no callback of it runs afterwards */
 
-/* What work will cost, before it starts. Asked of a plan, it plans: two seconds of device time, or half of the field's. */
+/* What work will cost, before it starts. Asked of a plan, it plans: two seconds of device time, or half of the field's. Not
+ * counted: planning and measuring themselves, a reference picture's state on the device, and layers. */
 typedef struct hl_estimate {
     uint32_t struct_size;
     int32_t struct_type;

@@ -103,7 +103,7 @@ typedef struct hl_vulkan_image {
     uint64_t wait_value;
     uint64_t signal_semaphore; /* and when it is handed back */
     uint64_t signal_value;
-    int32_t *handed_back; /* set to 1 when it was, to 0 when it was not touched; may be NULL */
+    int32_t *handed_back; /* set to 1 when it was, to 0 when it was not touched, also by a refusal; may be NULL */
 } hl_vulkan_image;
 
 typedef struct hl_vulkan_buffer {

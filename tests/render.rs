@@ -321,8 +321,18 @@ fn unusable_pictures_and_surfaces_are_refused_with_a_sentence() {
     let (_, medium) = load(&engine, &volume, &homogeneous(0.1));
     let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
     let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
-    for bad in [image(0, 5, 1.0), image(5, 0, 1.0), image(5, 5, 0.0), image(5, 5, f64::NAN), image(5, 5, 1e-9)] {
+    for bad in [
+        image(0, 5, 1.0),
+        image(5, 0, 1.0),
+        image(5, 5, 0.0),
+        image(5, 5, f64::NAN),
+        image(5, 5, 1e-9),
+        image(5, 5, 1e-19),
+        image(5, 5, 1e-320),
+    ] {
         let error = engine.render(&medium, &lit, &camera(&grid, [1.0, 1.0, 1.0], 30.0), &bad, &mut quiet).expect_err("refused");
+        assert!(matches!(error, halflight::Error::Invalid { .. }), "{error}");
+        let error = engine.aovs(&medium, &lit, &camera(&grid, [1.0, 1.0, 1.0], 30.0), &bad, &[], &mut quiet).expect_err("refused");
         assert!(matches!(error, halflight::Error::Invalid { .. }), "{error}");
     }
 }

@@ -59,8 +59,8 @@ impl Engine {
                 right: "a surface needs one for each".into(),
             });
         }
-        let step_length = image.step * grid.voxel_length();
-        let steps = if surface.is_some() { 1 } else { (grid.diagonal() / step_length).ceil() as u64 + 1 };
+        let (step_length, steps) = super::render::steps(grid, image)?;
+        let steps = if surface.is_some() { 1 } else { steps };
         let segment = (self.device.loop_limit() / 3).min((ROW_SAMPLES / width).max(64));
         let most = ((aov::MOST as usize / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;

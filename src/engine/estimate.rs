@@ -131,7 +131,7 @@ impl Engine {
         }
         let step_length = f64::from(settings.step) * grid.voxel_length();
         let steps = steps(grid, settings);
-        let most = u64::from(self.device.loop_limit()) / (steps + 2);
+        let most = u64::from(self.device.loop_limit()) / steps.saturating_add(2);
         if most == 0 {
             return Err(Error::Invalid {
                 item: "visibility.step",

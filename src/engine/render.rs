@@ -2,7 +2,7 @@
 
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
-use crate::scene::{Camera, ImageSettings, Picture, Surface};
+use crate::scene::{Camera, Grid, ImageSettings, Picture, Surface};
 use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
 use crate::stages::resolve::Form;
@@ -103,27 +103,12 @@ impl Engine {
         let grid = medium.grid();
         let rays = camera.rays(grid, image.width, image.height)?;
         let view = View::new(grid, &rays);
-        if !(image.step.is_finite() && image.step > 0.0) {
-            return Err(Error::Invalid {
-                item: "image.step",
-                what: format!("is {} voxels", image.step),
-                right: "it must be above 0".into(),
-            });
-        }
+        let (step_length, steps) = steps(grid, image)?;
         if image.width > STRIP {
             return Err(Error::Invalid {
                 item: "image.width",
                 what: format!("{} pixels", image.width),
                 right: format!("at most {STRIP} can be rendered in a row"),
-            });
-        }
-        let step_length = image.step * grid.voxel_length();
-        let steps = (grid.diagonal() / step_length).ceil() as u64 + 1;
-        if steps > 1 << 24 {
-            return Err(Error::Invalid {
-                item: "image.step",
-                what: format!("{} voxels make {steps} steps of the longest ray", image.step),
-                right: "take a step that makes at most 16777216".into(),
             });
         }
         // Loops besides the march: bisection, cells, harmonics.
@@ -238,4 +223,22 @@ impl Engine {
         }
         Ok(())
     }
+}
+
+/// Length of a step, world, and most steps of a ray.
+pub(super) fn steps(grid: &Grid, image: &ImageSettings) -> Result<(f64, u64)> {
+    if !(image.step.is_finite() && image.step > 0.0) {
+        return Err(Error::Invalid { item: "image.step", what: format!("is {} voxels", image.step), right: "it must be above 0".into() });
+    }
+    let length = image.step * grid.voxel_length();
+    let steps = (grid.diagonal() / length).ceil() + 1.0;
+    // Compared as they come: as integers the largest would wrap.
+    if steps <= f64::from(1 << 24) {
+        return Ok((length, steps as u64));
+    }
+    Err(Error::Invalid {
+        item: "image.step",
+        what: format!("{} voxels make {steps:.3e} steps of the longest ray", image.step),
+        right: "take a step that makes at most 16777216".into(),
+    })
 }

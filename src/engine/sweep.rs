@@ -37,8 +37,8 @@ fn batch(grid: &Grid, settings: &Visibility, rays: &[Ray], groups: &[Group], (lo
         let run = &rays[g.first as usize..(g.first + g.count) as usize];
         run.iter().map(|d| size[g.axis] / d.voxel[g.axis].abs() / step_length)
     });
-    let taps = taps.fold(0f32, f32::max).ceil() as u64 + 2;
-    let loops = u64::from(loop_limit) / (4 * taps * u64::from(settings.near) + 8);
+    let taps = (taps.fold(0f32, f32::max).ceil() as u64).saturating_add(2);
+    let loops = u64::from(loop_limit) / taps.saturating_mul(4 * u64::from(settings.near)).saturating_add(8);
     if loops == 0 {
         return Err(Error::Invalid {
             item: "visibility.step",

@@ -142,7 +142,8 @@ pub struct hl_job {
     _private: [u8; 0],
 }
 
-// Callbacks may unwind here (C++ exceptions and Rust panics): the entry that called them catches it.
+// Panics of callbacks in Rust are caught by the entry that called them. Exceptions of other languages would end the process:
+// the header forbids them.
 pub type hl_log_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, severity: i32, text: *const c_char)>;
 pub type hl_release_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, data: *const c_void)>;
 pub type hl_progress_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, stage: *const c_char, fraction: f32) -> i32>;
@@ -152,7 +153,12 @@ pub type hl_progress_fn = Option<unsafe extern "C-unwind" fn(user: *mut c_void, 
 /// # Safety
 /// `#[repr(C)]`, the header's three members first, and any bytes are a value of it: numbers, raw pointers, optional
 /// function pointers.
-pub unsafe trait Sized_: Copy {}
+pub unsafe trait Sized_: Copy {
+    /// Its member `reserved`, which must be 0: a later version may give it a meaning.
+    fn reserved(&self) -> bool {
+        false
+    }
+}
 
 macro_rules! sized {
     ($($name:ident),* $(,)?) => {
@@ -164,22 +170,32 @@ macro_rules! sized {
     };
 }
 
+macro_rules! reserving {
+    ($($name:ident),* $(,)?) => {
+        $(
+            // SAFETY: as above.
+            unsafe impl Sized_ for $name {
+                fn reserved(&self) -> bool {
+                    self.reserved != 0
+                }
+            }
+        )*
+    };
+}
+pub(super) use reserving;
+
+reserving!(hl_engine_info, hl_volume_info, hl_transfer_info, hl_transfer_file_info, hl_save_info, hl_surface);
+
 sized!(
     hl_header,
-    hl_engine_info,
     hl_device_info,
-    hl_volume_info,
     hl_load_info,
-    hl_transfer_info,
-    hl_transfer_file_info,
     hl_light_info,
     hl_image_info,
-    hl_save_info,
     hl_difference,
     hl_job_state,
     hl_timing,
     hl_estimate,
-    hl_surface,
     hl_clip,
     hl_precompute_info,
     hl_field_info,

@@ -1,7 +1,7 @@
 //! Constants and structs of `include/halflight_vulkan.h`.
 #![allow(missing_docs, non_camel_case_types)]
 
-use super::abi::Sized_;
+use super::abi::{Sized_, reserving};
 use std::ffi::{c_char, c_void};
 
 pub const HL_STRUCT_VULKAN_DEVICE: i32 = 1;
@@ -108,8 +108,5 @@ pub struct hl_vulkan_buffer {
 // SAFETY: the header's members first; numbers, raw pointers and optional function pointers after them.
 unsafe impl Sized_ for hl_vulkan_requirement {}
 // SAFETY: as above.
-unsafe impl Sized_ for hl_vulkan_device {}
-// SAFETY: as above.
 unsafe impl Sized_ for hl_vulkan_image {}
-// SAFETY: as above.
-unsafe impl Sized_ for hl_vulkan_buffer {}
+reserving!(hl_vulkan_device, hl_vulkan_buffer);

@@ -50,12 +50,13 @@ impl Scope {
     /// The object of a handle, of an engine that is whole and the same for all objects of the call; not from within a
     /// callback.
     pub fn get<T: Object>(&mut self, handle: *const T::Handle) -> Result<Arc<T>> {
-        let object = handle::find::<T>(handle)?;
-        self.about(object.host(), T::NAME)?;
-        if self.active.is_none() {
-            self.active = Some(object.host().begin()?);
-        }
-        Ok(object)
+        handle::find::<T>(handle, |object| {
+            self.about(object.host(), T::NAME)?;
+            if self.active.is_none() {
+                self.active = Some(object.host().begin()?);
+            }
+            Ok(())
+        })
     }
 
     /// The same, or `None` for NULL.
@@ -65,20 +66,29 @@ impl Scope {
 
     /// The object of a handle, also from within a callback.
     pub fn inside<T: Object>(&mut self, handle: *const T::Handle) -> Result<Arc<T>> {
-        let object = handle::find::<T>(handle)?;
-        self.about(object.host(), T::NAME)?;
-        Ok(object)
+        handle::find::<T>(handle, |object| {
+            self.about(object.host(), T::NAME)?;
+            self.active = Some(object.host().enter()?);
+            Ok(())
+        })
     }
 
     /// Forgets a handle, also of an engine that is poisoned; not from within a callback.
     pub fn take<T: Object>(&mut self, handle: *const T::Handle) -> Result<Option<Arc<T>>> {
-        if handle.is_null() {
-            return Ok(None);
-        }
-        let host = handle::find::<T>(handle)?.host().clone();
-        self.host = Some(host.clone());
-        host.outside()?;
-        handle::take::<T>(handle)
+        handle::take::<T>(handle, |object| {
+            self.host = Some(object.host().clone());
+            object.host().outside()?;
+            self.active = Some(object.host().enter()?);
+            Ok(())
+        })
+    }
+
+    /// Forgets the handle of an engine, which then ends: it is not waited for by itself.
+    pub fn end<T: Object>(&mut self, handle: *const T::Handle) -> Result<Option<Arc<T>>> {
+        handle::take::<T>(handle, |object| {
+            self.host = Some(object.host().clone());
+            object.host().outside()
+        })
     }
 
     fn about(&mut self, host: &Arc<Host>, name: &str) -> Result<()> {
@@ -94,7 +104,7 @@ impl Scope {
     }
 }
 
-/// Sets an output to "nothing"; the place to write the result to.
+/// Sets an output to "nothing"; the place to write the result to. Its fault is looked at once the engine is known, which keeps it.
 pub(super) fn out<T>(item: &str, at: *mut *mut T) -> Result<Out<T>> {
     if at.is_null() {
         return Err(Fault::invalid(item, "is NULL", "a place for the handle is needed"));
@@ -139,6 +149,18 @@ pub(super) fn read<T: Sized_>(item: &str, at: *const T) -> Result<T> {
 
 /// Reads an extension.
 pub(super) fn read_as<T: Sized_>(item: &str, at: *const T, kind: i32) -> Result<T> {
+    let value = look(item, at, kind)?;
+    unreserved(item, &value)?;
+    Ok(value)
+}
+
+/// Refuses a struct whose reserved member is set.
+pub(super) fn unreserved<T: Sized_>(item: &str, value: &T) -> Result<()> {
+    if value.reserved() { Err(Fault::invalid(item, "its member reserved is set", "it must be 0")) } else { Ok(()) }
+}
+
+/// Reads an extension whose reserved member is still to be looked at.
+pub(super) fn look<T: Sized_>(item: &str, at: *const T, kind: i32) -> Result<T> {
     let size = size_of_struct(item, at)?;
     let mut value = std::mem::MaybeUninit::<T>::zeroed();
     let ours = size_of::<T>();
@@ -170,7 +192,8 @@ fn size_of_struct<T: Sized_>(item: &str, at: *const T) -> Result<usize> {
     }
     // SAFETY: every such struct begins with its size.
     let size = unsafe { at.cast::<u32>().read_unaligned() } as usize;
-    if !(size_of::<hl_header>()..=MAX_STRUCT).contains(&size) {
+    // What is no multiple of the alignment is no sizeof, and would cut a pointer in half.
+    if !(size_of::<hl_header>()..=MAX_STRUCT).contains(&size) || !size.is_multiple_of(align_of::<T>()) {
         return Err(Fault::invalid(item, format_args!("struct_size is {size}"), "set it to the sizeof of the struct"));
     }
     Ok(size)

@@ -101,7 +101,7 @@ fn options(info: &hl_engine_info) -> Result<Options> {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_engine_destroy(engine: *mut hl_engine) -> hl_status {
     enter(|scope| {
-        let Some(owner) = scope.take::<Owner>(engine)? else { return Ok(HL_OK) };
+        let Some(owner) = scope.end::<Owner>(engine)? else { return Ok(HL_OK) };
         let host = owner.0.clone();
         drop(owner);
         host.close();

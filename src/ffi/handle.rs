@@ -41,16 +41,19 @@ pub(super) fn insert<T: Object>(number: usize, object: Arc<T>) -> *mut T::Handle
     std::ptr::without_provenance_mut(number)
 }
 
-/// The object of a handle.
-pub(super) fn find<T: Object>(handle: *const T::Handle) -> Result<Arc<T>> {
+/// The object of a handle, if `begin` lets it be used. The engine cannot go between the two: nobody is left with an object of
+/// an engine that has ended.
+pub(super) fn find<T: Object>(handle: *const T::Handle, begin: impl FnOnce(&T) -> Result<()>) -> Result<Arc<T>> {
     let registry = REGISTRY.read().unwrap_or_else(PoisonError::into_inner);
     let entry = registry.get(&handle.addr());
     let object = entry.and_then(|e| Arc::clone(&e.object).downcast::<T>().ok());
-    object.ok_or_else(|| wrong::<T>(handle.addr(), entry))
+    let object = object.ok_or_else(|| wrong::<T>(handle.addr(), entry))?;
+    begin(&object)?;
+    Ok(object)
 }
 
-/// Forgets a handle and returns its object: `None` for NULL.
-pub(super) fn take<T: Object>(handle: *const T::Handle) -> Result<Option<Arc<T>>> {
+/// Forgets a handle and returns its object, if `begin` lets it: `None` for NULL.
+pub(super) fn take<T: Object>(handle: *const T::Handle, begin: impl FnOnce(&T) -> Result<()>) -> Result<Option<Arc<T>>> {
     if handle.is_null() {
         return Ok(None);
     }
@@ -58,6 +61,7 @@ pub(super) fn take<T: Object>(handle: *const T::Handle) -> Result<Option<Arc<T>>
     let found = registry.get(&handle.addr());
     match found.and_then(|e| Arc::clone(&e.object).downcast::<T>().ok()) {
         Some(object) => {
+            begin(&object)?;
             let entry = registry.remove(&handle.addr());
             // Its memory is freed, and callbacks run, after the registry is free again.
             drop(registry);

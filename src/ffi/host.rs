@@ -35,6 +35,7 @@ struct Queue {
     serving: u64,
     /// Calls and jobs under way.
     active: usize,
+    /// Nothing begins any more, but calls from within callbacks of what is under way.
     closing: bool,
 }
 
@@ -102,8 +103,15 @@ impl Host {
     pub fn begin(self: &Arc<Self>) -> Result<Active> {
         self.outside()?;
         self.whole()?;
+        self.enter()
+    }
+
+    /// Begins a call that may come from within a callback, or on an engine that is poisoned.
+    pub fn enter(self: &Arc<Self>) -> Result<Active> {
+        // What the callback belongs to is under way, and waited for.
+        let within = self.outside().is_err();
         let mut queue = lock(&self.queue);
-        if queue.closing {
+        if queue.closing && !(within && queue.active > 0) {
             return Err(closing());
         }
         queue.active += 1;

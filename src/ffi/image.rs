@@ -74,8 +74,9 @@ impl ImageCell {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_create(engine: *mut hl_engine, info: *const hl_image_info, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image)?;
+        let out = out("image", image);
         let host = scope.engine(engine)?;
+        let out = out?;
         let info = read("hl_image_info", info)?;
         alone("hl_image_info", info.next)?;
         if info.data.is_null() {
@@ -96,8 +97,9 @@ pub unsafe extern "C" fn hl_image_create(engine: *mut hl_engine, info: *const hl
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_load(engine: *mut hl_engine, path: *const c_char, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image)?;
+        let out = out("image", image);
         let host = scope.engine(engine)?;
+        let out = out?;
         let path = super::call::path(path)?;
         let picture = host.log.during(host.id, || load(&path))?;
         out.give(ImageCell::new(host, picture, None))
@@ -252,8 +254,9 @@ pub unsafe extern "C" fn hl_image_compare(a: *const hl_image, b: *const hl_image
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_difference(a: *const hl_image, b: *const hl_image, kind: i32, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image)?;
+        let out = out("image", image);
         let cell = scope.get::<ImageCell>(a)?;
+        let out = out?;
         let (a, b) = (cell.picture()?, scope.get::<ImageCell>(b)?.picture()?);
         let flipped = choice("kind", kind, &[(HL_DIFFERENCE_SIGNED, false), (HL_DIFFERENCE_FLIP, true)])?;
         let drawn = if flipped { flip(&a, &b)?.drawn(b.width, b.height) } else { measure::signed(&a, &b)? };

@@ -107,6 +107,8 @@ impl Job {
         state.outcome = Some(outcome);
         self.ended.notify_all();
         drop(state);
+        // What it made may be on the device, which can go as soon as this is no longer active.
+        drop(self);
         drop(active);
     }
 
@@ -329,8 +331,10 @@ pub unsafe extern "C" fn hl_job_timing(job: *const hl_job, index: u32, timing: *
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_job_get_field(job: *mut hl_job, field: *mut *mut hl_field) -> hl_status {
     enter(|scope| {
-        let out = out("field", field)?;
-        match scope.job(job)?.field() {
+        let out = out("field", field);
+        let job = scope.job(job)?;
+        let out = out?;
+        match job.field() {
             Some(field) => out.give(field),
             None => Ok(HL_NOT_READY),
         }
@@ -340,8 +344,10 @@ pub unsafe extern "C" fn hl_job_get_field(job: *mut hl_job, field: *mut *mut hl_
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_job_get_image(job: *mut hl_job, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image)?;
-        match scope.job(job)?.image() {
+        let out = out("image", image);
+        let job = scope.job(job)?;
+        let out = out?;
+        match job.image() {
             Some(image) => out.give(image),
             None => Ok(HL_NOT_READY),
         }

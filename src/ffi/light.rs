@@ -171,8 +171,9 @@ fn rotation(axis: [f64; 3], degrees: f64) -> Result<Option<(DVec3, f64)>> {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_light_create(engine: *mut hl_engine, info: *const hl_light_info, light: *mut *mut hl_light) -> hl_status {
     enter(|scope| {
-        let out = out("light", light)?;
+        let out = out("light", light);
         let host = scope.engine(engine)?;
+        let out = out?;
         let state = if info.is_null() {
             LightState::white()
         } else {

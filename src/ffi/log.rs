@@ -108,7 +108,7 @@ unsafe impl Sync for Release {}
 impl Drop for Release {
     fn drop(&mut self) {
         if let Some(release) = self.release {
-            // An exception must not leave a destructor.
+            // A panic must not leave a destructor.
             let run = || {
                 call_back(self.engine, || {
                     // SAFETY: the host's own function and pointers, once.

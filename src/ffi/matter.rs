@@ -144,8 +144,9 @@ pub unsafe extern "C" fn hl_transfer_create(
     transfer: *mut *mut hl_transfer,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("transfer", transfer)?;
+        let out = out("transfer", transfer);
         let host = scope.engine(engine)?;
+        let out = out?;
         let state = Mutex::new(State::of(info)?);
         out.give(Arc::new(TransferCell { host, users: Users::default(), state }))
     })
@@ -159,8 +160,9 @@ pub unsafe extern "C" fn hl_transfer_load(
     transfer: *mut *mut hl_transfer,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("transfer", transfer)?;
+        let out = out("transfer", transfer);
         let host = scope.engine(engine)?;
+        let out = out?;
         let path = super::call::path(path)?;
         let state = host.log.during(host.id, || State::of_file(&path, info))?;
         out.give(Arc::new(TransferCell { host, users: Users::default(), state: Mutex::new(state) }))
@@ -170,8 +172,9 @@ pub unsafe extern "C" fn hl_transfer_load(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_transfer_guess(volume: *const hl_volume, transfer: *mut *mut hl_transfer) -> hl_status {
     enter(|scope| {
-        let out = out("transfer", transfer)?;
+        let out = out("transfer", transfer);
         let volume = scope.get::<VolumeCell>(volume)?;
+        let out = out?;
         let points = io::guess_transfer(&volume.described()?);
         let state = State::Points(Transfer::from_points(&points, Kind::Opacity, Reference::Voxel)?);
         out.give(Arc::new(TransferCell { host: volume.host().clone(), users: Users::default(), state: Mutex::new(state) }))

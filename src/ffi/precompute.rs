@@ -115,7 +115,7 @@ impl Request {
         let directions = field.settings().directions;
         if let Some(seconds) = self.measure {
             // The field can be had while it is measured.
-            work.field(FieldCell::new(&self.host, &medium, field.clone(), &self.asked, error), directions);
+            work.last_field(FieldCell::new(&self.host, &medium, field.clone(), &self.asked, error), directions);
             work.part(end, 1.0);
             error = Some(self.measured(work, &engine, &medium, &field, seconds)?);
         }
@@ -242,8 +242,9 @@ fn wanted(info: &hl_precompute_info) -> Result<Option<Wanted>> {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_precompute(engine: *mut hl_engine, info: *const hl_precompute_info, field: *mut *mut hl_field) -> hl_status {
     enter(|scope| {
-        let out = out("field", field)?;
+        let out = out("field", field);
         let request = Request::of(scope, engine, info)?;
+        let out = out?;
         let (host, progress) = (request.host.clone(), request.progress);
         let job = Job::run(&host, progress, request.body())?;
         match job.field() {
@@ -256,8 +257,9 @@ pub unsafe extern "C" fn hl_precompute(engine: *mut hl_engine, info: *const hl_p
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_precompute_start(engine: *mut hl_engine, info: *const hl_precompute_info, job: *mut *mut hl_job) -> hl_status {
     enter(|scope| {
-        let out = out("job", job)?;
+        let out = out("job", job);
         let request = Request::of(scope, engine, info)?;
+        let out = out?;
         let (host, progress) = (request.host.clone(), request.progress);
         out.give(Job::start(&host, progress, request.body())?)
     })
@@ -331,8 +333,9 @@ pub unsafe extern "C" fn hl_field_load(
     field: *mut *mut hl_field,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("field", field)?;
+        let out = out("field", field);
         let request = Request::of(scope, engine, info)?;
+        let out = out?;
         let path = super::call::path(path)?;
         let grid = *request.volume.device.grid();
         let file = io::read_nrrd_field(&path, &ReadOptions::default())?;

@@ -81,14 +81,14 @@ impl Request {
             vulkan::tell(target.handed_back, image.handed_back());
             return Ok(done?);
         }
-        let (mut picture, samples, layers) = match &self.reference {
+        let (mut picture, samples, layers, cancelled) = match &self.reference {
             Some(settings) => {
                 let sky = self.light.sky()?;
                 let mut progress = |stage, f| work.tell(stage, f);
                 let made = engine.render_reference(medium, &sky, &self.camera, &self.image, settings, &mut progress)?;
                 let e = made.relative_error;
                 work.error([e, e, e]);
-                (made.picture, made.samples, None)
+                (made.picture, made.samples, None, made.cancelled)
             }
             None => {
                 let lit = self.field.lit(&engine, &self.light.prepared())?;
@@ -102,12 +102,13 @@ impl Request {
                         Some(self.behind(work, &engine, medium, (&lit, &picture, &hits))?)
                     }
                 };
-                (picture, 0, layers)
+                (picture, 0, layers, false)
             }
         };
         self.background(&mut picture)?;
         work.image(ImageCell::new(self.host, picture, layers), samples);
-        Ok(())
+        // What was finished before can still be had from the job.
+        if cancelled { Err(crate::Error::Cancelled.into()) } else { Ok(()) }
     }
 
     /// What lies behind the pixels.
@@ -243,8 +244,9 @@ pub unsafe extern "C" fn hl_render(engine: *mut hl_engine, info: *const hl_rende
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_render_start(engine: *mut hl_engine, info: *const hl_render_info, job: *mut *mut hl_job) -> hl_status {
     enter(|scope| {
-        let out = out("job", job)?;
+        let out = out("job", job);
         let request = Request::of(scope, engine, info)?;
+        let out = out?;
         let (host, progress) = (request.host.clone(), request.progress);
         out.give(Job::start(&host, progress, request.body())?)
     })

@@ -200,8 +200,9 @@ fn strides(info: &hl_volume_info, kind: SampleType, components: u32) -> Result<[
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const hl_volume_info, volume: *mut *mut hl_volume) -> hl_status {
     enter(|scope| {
-        let out = out("volume", volume)?;
+        let out = out("volume", volume);
         let host = scope.engine(engine)?;
+        let out = out?;
         let info = read("hl_volume_info", info)?;
         if !info.next.is_null() {
             return out.give(from_device(&host, &info)?);
@@ -227,6 +228,7 @@ pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const h
 
 /// A volume from an image or a buffer of the host's device.
 fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell>> {
+    let source = vulkan::Source::of(info.next)?;
     if !info.data.is_null() {
         return Err(Fault::invalid("hl_volume_info.data", "stands beside an image or buffer", "set it to NULL"));
     }
@@ -234,7 +236,6 @@ fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell
         let right = "an image or a buffer of the host's holds one number a voxel: set both to 0";
         return Err(Fault::invalid("hl_volume_info.components and component", "are set", right));
     }
-    let source = vulkan::Source::of(info.next)?;
     let (grid, slope) = (grid(info)?, if info.slope == 0.0 { 1.0 } else { info.slope });
     let turn = host.turn()?;
     let rescale = (slope, info.intercept);
@@ -250,8 +251,9 @@ pub unsafe extern "C" fn hl_volume_load(
     volume: *mut *mut hl_volume,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("volume", volume)?;
+        let out = out("volume", volume);
         let host = scope.engine(engine)?;
+        let out = out?;
         let path = super::call::path(path)?;
         let options = if info.is_null() { ReadOptions::default() } else { options(&read("hl_load_info", info)?)? };
         let read = Arc::new(host.log.during(host.id, || io::read_volume(&path, &options))?);

@@ -2,7 +2,7 @@
 
 use super::abi::*;
 use super::abi_vulkan::*;
-use super::call::{alone, choice, copy_text, enter, fill, numbers, put, read_as, text};
+use super::call::{alone, choice, copy_text, enter, fill, look, numbers, put, read_as, text, unreserved};
 use super::fault::{Fault, Result};
 use super::host::call_back;
 use crate::engine::host::{
@@ -111,7 +111,10 @@ impl Source {
         let header = unsafe { next.cast::<hl_header>().read_unaligned() };
         match header.struct_type {
             HL_STRUCT_VULKAN_BUFFER => {
-                let buffer: hl_vulkan_buffer = read_as(ITEM, next.cast(), HL_STRUCT_VULKAN_BUFFER)?;
+                let buffer: hl_vulkan_buffer = look(ITEM, next.cast(), HL_STRUCT_VULKAN_BUFFER)?;
+                // Whatever is refused from here on.
+                tell(buffer.handed_back, false);
+                unreserved(ITEM, &buffer)?;
                 alone("hl_vulkan_buffer", buffer.next)?;
                 Ok(Self::Buffer(buffer))
             }
@@ -160,6 +163,8 @@ impl Source {
 /// The image that an extension describes.
 pub(super) fn image(item: &str, next: *const c_void) -> Result<hl_vulkan_image> {
     let image: hl_vulkan_image = read_as(item, next.cast(), HL_STRUCT_VULKAN_IMAGE)?;
+    // Whatever is refused from here on.
+    tell(image.handed_back, false);
     alone("hl_vulkan_image", image.next)?;
     if image.image == 0 {
         return Err(Fault::invalid("hl_vulkan_image.image", "is 0", "a VkImage is needed"));

@@ -12,7 +12,7 @@ use crate::vk::Recorder;
 
 /// Steps of the longest ray.
 pub fn max_steps(diagonal: f64, step_length: f64) -> u64 {
-    (diagonal / step_length).ceil() as u64 + 1
+    ((diagonal / step_length).ceil() as u64).saturating_add(1)
 }
 
 /// Records one run of directions; the caller puts barriers on `run.sums`.

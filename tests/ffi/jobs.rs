@@ -312,8 +312,12 @@ fn errors_are_measured_and_tolerances_kept() {
     let (few, _) = run(&hl_precompute_info { measure: 1, ..quick(volume) });
     let (many, _) = run(&hl_precompute_info { measure: 1, directions: 256, near_slices: 2, ..quick(volume) });
     assert!(many.error > 0.0 && many.error < few.error, "{} {}", many.error, few.error);
+    // Measuring is no pass.
+    assert_eq!((few.passes, many.passes), (1, 1));
+    let (passes, _) = run(&hl_precompute_info { measure: 1, directions: 256, progressive: 1, ..quick(volume) });
+    assert_eq!((passes.passes, passes.directions), (4, 256));
     let (planned, found) = run(&hl_precompute_info { volume, tolerance: 0.1, ..init() });
-    assert!(planned.error_high <= 0.1, "{}", planned.error_high);
+    assert!(planned.error_high <= 0.1 && planned.passes == 1, "{} {}", planned.error_high, planned.passes);
     println!("tolerance 0.1: method {}, {} directions, error {:.4}", found.method, found.directions, planned.error);
 }
 
@@ -393,6 +397,38 @@ fn a_reference_picture_knows_its_own_error() {
     ok!(hl_image_compare(image(engine.0, &small(field)), truth, &mut difference));
     println!("against the reference: relative RMSE {:.3}, mean {:.3}", difference.relative_rmse, difference.mean_ratio);
     assert!(difference.relative_rmse < 0.25 && (difference.mean_ratio - 1.0).abs() < 0.1);
+}
+
+#[test]
+fn a_cancelled_reference_picture_is_no_success_and_keeps_its_passes() {
+    let engine = Engine::new();
+    let field = field(engine.0, &quick(volume(engine.0, 16)));
+    let (mut job, mut kept) = (std::ptr::null_mut(), std::ptr::null_mut());
+    let info = hl_render_info { reference: 1e-6, reference_samples: 1 << 24, width: 8, height: 6, ..small(field) };
+    ok!(hl_render_start(engine.0, &info, &mut job));
+    // Its first pass takes some milliseconds, all of them hours.
+    // SAFETY: a job of ours.
+    assert_eq!(unsafe { hl_job_wait(job, 3.0) }, HL_TIMEOUT);
+    ok!(hl_job_cancel(job));
+    refused!(HL_ERROR_CANCELLED, "cancelled", hl_job_wait(job, -1.0));
+    let state = poll(job);
+    assert!(state.status == HL_ERROR_CANCELLED && state.passes == 1 && state.directions >= 32 && state.error > 0.0, "{}", state.error);
+    ok!(hl_job_get_image(job, &mut kept));
+    assert!(pixels(kept).iter().any(|&v| v > 0.1));
+
+    // A blocking call gives no picture.
+    let until = Until(Instant::now() + Duration::from_secs(3));
+    let info = hl_render_info { progress: Some(stop_then), user: std::ptr::from_ref(&until).cast_mut().cast(), ..info };
+    let mut none = kept;
+    refused!(HL_ERROR_CANCELLED, "cancelled", hl_render(engine.0, &info, &mut none));
+    assert!(none.is_null());
+}
+
+struct Until(Instant);
+
+unsafe extern "C-unwind" fn stop_then(user: *mut c_void, _: *const c_char, _: f32) -> i32 {
+    // SAFETY: the test's own, which outlives the call.
+    i32::from(Instant::now() > unsafe { &*user.cast::<Until>() }.0)
 }
 
 static INNER: AtomicPtr<hl_engine> = AtomicPtr::new(std::ptr::null_mut());

@@ -150,62 +150,76 @@ fn missing_places_and_structs_are_found_out() {
     ok!(hl_light_create(e, null(), &mut light));
     let data = ball(4);
     let mut w = 0u32;
+    // The engine that a call was about keeps its fault, too, in the place of another.
+    let other = || refused!(HL_ERROR_HANDLE, "volume", hl_precompute(e, &quick(null_mut()), &mut null_mut()));
+    let asked = |status: i32| {
+        let kept = crate::last(e);
+        assert!(kept.0 == HL_ERROR_HANDLE || kept == crate::last(null()), "{kept:?}");
+        other();
+        (status, kept.0)
+    };
+    other();
     // SAFETY: what is NULL is what the library promises to find out.
     let answers = unsafe {
         vec![
-            ("create", hl_engine_create(null(), null_mut())),
-            ("name", hl_status_name(0, null_mut())),
-            ("unknown status", hl_status_name(77, &mut null())),
-            ("device", hl_engine_get_device(e, null_mut())),
-            ("volume", hl_volume_create(e, &volume_info(&data, 4), null_mut())),
-            ("volume info", hl_volume_create(e, null(), &mut null_mut())),
-            ("volume data", hl_volume_create(e, &hl_volume_info { data: null(), ..volume_info(&data, 4) }, &mut null_mut())),
-            ("volume path", hl_volume_load(e, null(), null(), &mut null_mut())),
-            ("loaded volume", hl_volume_load(e, c"v.nrrd".as_ptr(), null(), null_mut())),
-            ("volume description", hl_volume_get_info(volume, null_mut())),
-            ("histogram", hl_volume_get_histogram(volume, null_mut(), null_mut())),
-            ("transfer path", hl_transfer_load(e, null(), null(), &mut null_mut())),
-            ("loaded transfer", hl_transfer_load(e, c"t.json".as_ptr(), null(), null_mut())),
-            ("guess", hl_transfer_guess(volume, null_mut())),
-            ("listed device", hl_device_get(0, null_mut())),
-            ("layer", hl_image_read_layer(image, HL_LAYER_OPACITY, null_mut(), 1)),
-            ("layer map", hl_image_map_layer(image, HL_LAYER_OPACITY, null_mut(), null_mut())),
-            ("difference", hl_image_difference(image, image, HL_DIFFERENCE_FLIP, null_mut())),
-            ("transfer", hl_transfer_create(e, null(), null_mut())),
-            ("points", hl_transfer_create(e, &hl_transfer_info { count: 2, ..init() }, &mut null_mut())),
-            ("light", hl_light_create(e, null(), null_mut())),
-            ("light info", hl_light_set(light, null())),
-            ("probe", hl_light_set(light, &hl_light_info { kind: HL_LIGHT_PROBE, ..init() })),
-            ("SH", hl_light_set(light, &hl_light_info { kind: HL_LIGHT_SH, ..init() })),
-            ("toward", hl_light_set(light, &hl_light_info { kind: HL_LIGHT_DIRECTIONAL, ..init() })),
-            ("axis", hl_light_rotate(light, null(), 1.0)),
-            ("coefficients", hl_light_get_coefficients(light, null_mut())),
-            ("image", hl_image_create(e, null(), null_mut())),
-            ("image info", hl_image_create(e, null(), &mut null_mut())),
-            ("image path", hl_image_load(e, null(), &mut null_mut())),
-            ("pixels", hl_image_read(image, HL_RGBA32F, 0.0, null_mut(), 0, 1 << 20)),
-            ("map", hl_image_map(image, null_mut(), null_mut())),
-            ("save", hl_image_save(image, null(), null())),
-            ("compare", hl_image_compare(image, image, null_mut())),
-            ("poll", hl_job_poll(job, null_mut())),
-            ("job's field", hl_job_get_field(job, null_mut())),
-            ("job's image", hl_job_get_image(job, null_mut())),
-            ("precompute", hl_precompute(e, &quick(volume), null_mut())),
-            ("precompute info", hl_precompute(e, null(), &mut null_mut())),
-            ("precompute job", hl_precompute_start(e, &quick(volume), null_mut())),
-            ("precompute estimate", hl_precompute_estimate(e, &quick(volume), null_mut())),
-            ("field info", hl_field_get_info(field, null_mut())),
-            ("field numbers", hl_field_read(field, null_mut(), 128)),
-            ("field map", hl_field_map(field, null_mut(), null_mut())),
-            ("field path", hl_field_save(field, null())),
-            ("render", hl_render(e, &small(field), null_mut())),
-            ("render info", hl_render(e, null(), &mut null_mut())),
-            ("render job", hl_render_start(e, null(), null_mut())),
-            ("render estimate", hl_render_estimate(e, &small(field), null_mut())),
-            ("requirement", hl_vulkan_get_requirement(0, null_mut())),
-            ("check", hl_vulkan_check(None, null_mut(), 0, null_mut())),
+            ("create", asked(hl_engine_create(null(), null_mut()))),
+            ("name", asked(hl_status_name(0, null_mut()))),
+            ("unknown status", asked(hl_status_name(77, &mut null()))),
+            ("device", asked(hl_engine_get_device(e, null_mut()))),
+            ("volume", asked(hl_volume_create(e, &volume_info(&data, 4), null_mut()))),
+            ("volume info", asked(hl_volume_create(e, null(), &mut null_mut()))),
+            ("volume data", asked(hl_volume_create(e, &hl_volume_info { data: null(), ..volume_info(&data, 4) }, &mut null_mut()))),
+            ("volume path", asked(hl_volume_load(e, null(), null(), &mut null_mut()))),
+            ("loaded volume", asked(hl_volume_load(e, c"v.nrrd".as_ptr(), null(), null_mut()))),
+            ("volume description", asked(hl_volume_get_info(volume, null_mut()))),
+            ("histogram", asked(hl_volume_get_histogram(volume, null_mut(), null_mut()))),
+            ("transfer path", asked(hl_transfer_load(e, null(), null(), &mut null_mut()))),
+            ("loaded transfer", asked(hl_transfer_load(e, c"t.json".as_ptr(), null(), null_mut()))),
+            ("guess", asked(hl_transfer_guess(volume, null_mut()))),
+            ("listed device", asked(hl_device_get(0, null_mut()))),
+            ("layer", asked(hl_image_read_layer(image, HL_LAYER_OPACITY, null_mut(), 1))),
+            ("layer map", asked(hl_image_map_layer(image, HL_LAYER_OPACITY, null_mut(), null_mut()))),
+            ("difference", asked(hl_image_difference(image, image, HL_DIFFERENCE_FLIP, null_mut()))),
+            ("transfer", asked(hl_transfer_create(e, null(), null_mut()))),
+            ("points", asked(hl_transfer_create(e, &hl_transfer_info { count: 2, ..init() }, &mut null_mut()))),
+            ("light", asked(hl_light_create(e, null(), null_mut()))),
+            ("light info", asked(hl_light_set(light, null()))),
+            ("probe", asked(hl_light_set(light, &hl_light_info { kind: HL_LIGHT_PROBE, ..init() }))),
+            ("SH", asked(hl_light_set(light, &hl_light_info { kind: HL_LIGHT_SH, ..init() }))),
+            ("toward", asked(hl_light_set(light, &hl_light_info { kind: HL_LIGHT_DIRECTIONAL, ..init() }))),
+            ("axis", asked(hl_light_rotate(light, null(), 1.0))),
+            ("coefficients", asked(hl_light_get_coefficients(light, null_mut()))),
+            ("image", asked(hl_image_create(e, null(), null_mut()))),
+            ("image info", asked(hl_image_create(e, null(), &mut null_mut()))),
+            ("image path", asked(hl_image_load(e, null(), &mut null_mut()))),
+            ("pixels", asked(hl_image_read(image, HL_RGBA32F, 0.0, null_mut(), 0, 1 << 20))),
+            ("map", asked(hl_image_map(image, null_mut(), null_mut()))),
+            ("save", asked(hl_image_save(image, null(), null()))),
+            ("compare", asked(hl_image_compare(image, image, null_mut()))),
+            ("poll", asked(hl_job_poll(job, null_mut()))),
+            ("job's field", asked(hl_job_get_field(job, null_mut()))),
+            ("job's image", asked(hl_job_get_image(job, null_mut()))),
+            ("precompute", asked(hl_precompute(e, &quick(volume), null_mut()))),
+            ("precompute info", asked(hl_precompute(e, null(), &mut null_mut()))),
+            ("precompute job", asked(hl_precompute_start(e, &quick(volume), null_mut()))),
+            ("precompute estimate", asked(hl_precompute_estimate(e, &quick(volume), null_mut()))),
+            ("field info", asked(hl_field_get_info(field, null_mut()))),
+            ("field numbers", asked(hl_field_read(field, null_mut(), 128))),
+            ("field map", asked(hl_field_map(field, null_mut(), null_mut()))),
+            ("field path", asked(hl_field_save(field, null()))),
+            ("render", asked(hl_render(e, &small(field), null_mut()))),
+            ("render info", asked(hl_render(e, null(), &mut null_mut()))),
+            ("render job", asked(hl_render_start(e, null(), null_mut()))),
+            ("render estimate", asked(hl_render_estimate(e, &small(field), null_mut()))),
+            ("requirement", asked(hl_vulkan_get_requirement(0, null_mut()))),
+            ("check", asked(hl_vulkan_check(None, null_mut(), 0, null_mut()))),
         ]
     };
+    let free = ["create", "name", "unknown status", "listed device", "requirement", "check"];
+    for (name, (_, kept)) in &answers {
+        assert_eq!(*kept, if free.contains(name) { HL_ERROR_HANDLE } else { HL_ERROR_INVALID }, "{name}");
+    }
+    let answers: Vec<_> = answers.into_iter().map(|(name, (status, _))| (name, status)).collect();
     all_are(&answers, HL_ERROR_INVALID);
     ok!(hl_job_wait(job, -1.0));
     // Places that need not be.
@@ -213,7 +227,7 @@ fn missing_places_and_structs_are_found_out() {
     ok!(hl_volume_get_range(volume, null_mut(), null_mut()));
     // SAFETY: the index is beyond the list.
     assert_eq!(unsafe { hl_job_timing(job, 99, null_mut()) }, HL_END);
-    assert_eq!(unsafe { hl_last_error(null(), null_mut(), 0) }, HL_ERROR_INVALID);
+    assert_eq!(unsafe { hl_last_error(null(), null_mut(), 0) }, HL_ERROR_HANDLE);
 }
 
 #[test]
@@ -234,10 +248,22 @@ fn structs_of_other_versions_are_read_by_their_size() {
     refused!(HL_ERROR_INVALID, "beyond the 144 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     assert!(field.is_null());
     // Shorter, as of an earlier one: the rest is zero, whatever stands there.
-    let mut earlier = quick(volume);
-    earlier.struct_size = 92;
-    earlier.tolerance = f64::NAN;
-    ok!(hl_precompute(engine.0, &earlier, &mut field));
+    for size in [88, 96] {
+        let earlier = hl_precompute_info { struct_size: size, tolerance: f64::NAN, ..quick(volume) };
+        ok!(hl_precompute(engine.0, &earlier, &mut field));
+    }
+    // Half a pointer is none.
+    let clip = hl_clip { high: [1.0; 3], ..init() };
+    for size in [92, 140, 143] {
+        let info = hl_precompute_info { struct_size: size, clip: &raw const clip, ..quick(volume) };
+        refused!(HL_ERROR_INVALID, &format!("struct_size is {size}"), hl_precompute(engine.0, &info, &mut field));
+    }
+    let mut none = std::ptr::null_mut();
+    let info = hl_engine_info { struct_size: 20, device: c"llvmpipe".as_ptr(), ..init() };
+    refused!(HL_ERROR_INVALID, "hl_engine_info: struct_size is 20", hl_engine_create(&info, &mut none));
+    assert!(none.is_null());
+    let mut cut = hl_device_info { struct_size: 20, ..init() };
+    refused!(HL_ERROR_INVALID, "hl_device_info: struct_size is 20", hl_engine_get_device(engine.0, &mut cut));
     // No size, no sense.
     for (size, words) in [(0, "struct_size is 0"), (8, "struct_size is 8"), (u32::MAX, "struct_size is 4294967295")] {
         let info = hl_precompute_info { struct_size: size, ..quick(volume) };
@@ -247,6 +273,20 @@ fn structs_of_other_versions_are_read_by_their_size() {
     refused!(HL_ERROR_INVALID, "struct_type is 3", hl_precompute(engine.0, &info, &mut field));
     let info = hl_precompute_info { next: std::ptr::from_ref(&later).cast(), ..quick(volume) };
     refused!(HL_ERROR_INVALID, "no extension", hl_precompute(engine.0, &info, &mut field));
+    // What is reserved stays free for later versions.
+    let path = c"/nowhere/a.png".as_ptr();
+    let (mut made, mut transfer) = (null_mut(), null_mut());
+    let picture = image(engine.0, &small(self::field(engine.0, &quick(volume))));
+    let data = ball(4);
+    refused!(HL_ERROR_INVALID, "reserved", hl_engine_create(&hl_engine_info { reserved: 1, ..init() }, &mut none));
+    refused!(HL_ERROR_INVALID, "reserved", hl_volume_create(engine.0, &hl_volume_info { reserved: 1, ..volume_info(&data, 4) }, &mut made));
+    refused!(HL_ERROR_INVALID, "reserved", hl_transfer_create(engine.0, &hl_transfer_info { reserved: 1, ..init() }, &mut transfer));
+    let preset = hl_transfer_file_info { reserved: -1, ..init() };
+    refused!(HL_ERROR_INVALID, "reserved", hl_transfer_load(engine.0, path, &preset, &mut transfer));
+    refused!(HL_ERROR_INVALID, "reserved", hl_image_save(picture, path, &hl_save_info { reserved: 1, ..init() }));
+    let surface = hl_surface { iso: 100.0, reserved: 1, ..init() };
+    let info = hl_precompute_info { surface: &surface, ..quick(volume) };
+    refused!(HL_ERROR_INVALID, "reserved", hl_precompute(engine.0, &info, &mut field));
     // What is filled ends where the caller's struct does.
     let mut short = [0xabu8; size_of::<hl_device_info>()];
     short[..16].fill(0);
@@ -307,6 +347,9 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("at most 16384", hl_render_info { width: 1 << 20, ..base }),
         ("image.step", hl_render_info { step: f64::NAN, ..base }),
         ("image.step", hl_render_info { step: 1e-12, ..base }),
+        ("image.step", hl_render_info { step: 1e-18, ..base }),
+        ("image.step", hl_render_info { step: 1e-19, ..base }),
+        ("image.step", hl_render_info { step: f64::from_bits(1), ..base }),
         ("camera.fov", camera(hl_camera { fov: f64::NAN, ..zero })),
         ("camera.position", camera(hl_camera { space: HL_CAMERA_WORLD, ..zero })),
         ("camera.up", camera(hl_camera { space: HL_CAMERA_SIDE, position: [0.0, 0.0, 3.0], ..zero })),
@@ -332,6 +375,16 @@ fn values_out_of_range_are_refused_with_a_sentence() {
 
     let data = ball(8);
     let base = volume_info(&data, 8);
+    // Voxels so long that the steps of their shortest edge cannot be counted.
+    ok!(hl_volume_create(engine.0, &hl_volume_info { spacing: [1.0, 1.0, 1e19], ..base }, &mut made));
+    let long = hl_precompute_info { method: HL_METHOD_HIERARCHICAL, growth: 1.0, ..quick(made) };
+    ok!(hl_precompute(engine.0, &long, &mut field));
+    refused!(HL_ERROR_INVALID, "image.step", hl_render(engine.0, &small(field), &mut image));
+    refused!(
+        HL_ERROR_INVALID,
+        "visibility.step",
+        hl_precompute(engine.0, &hl_precompute_info { method: HL_METHOD_MARCH, ..long }, &mut field)
+    );
     let cases: Vec<(&str, hl_volume_info)> = vec![
         ("grid dims", hl_volume_info { dims: [0, 8, 8], ..base }),
         ("grid dims", hl_volume_info { dims: [u32::MAX; 3], ..base }),

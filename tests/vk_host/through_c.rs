@@ -7,6 +7,8 @@ use ash::vk::{self, Handle};
 use halflight::ffi::*;
 use std::ffi::{CStr, c_char, c_void};
 use std::ptr::{from_ref, null, null_mut, without_provenance_mut};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 fn init<T: abi::Sized_>(kind: i32) -> T {
     // SAFETY: any bytes are a value of such a struct, and each begins with its size and type.
@@ -94,6 +96,10 @@ fn seen(engine: *mut hl_engine, volume: *mut hl_volume) -> (Vec<f32>, [f64; 3], 
     (pixels, [found.error, found.error_low, found.error_high], bins)
 }
 
+unsafe extern "C-unwind" fn stop(_: *mut c_void, _: *const c_char, _: f32) -> i32 {
+    1
+}
+
 #[test]
 fn volumes_of_the_hosts_device_are_planned_and_measured() {
     let host = Host::new();
@@ -126,6 +132,24 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
     // SAFETY: what is wrong is found out.
     assert_eq!(unsafe { hl_volume_create(engine, &two, &mut imaged) }, HL_ERROR_INVALID);
     assert!(last().contains("one number a voxel"), "{}", last());
+    // A refusal says that the thing was not touched.
+    assert_eq!(back, 0);
+    for wrong in [
+        hl_volume_info { dims: [0; 3], ..info },
+        hl_volume_info { r#type: HL_INT64, ..info },
+        hl_volume_info { data: data.as_ptr().cast(), ..info },
+    ] {
+        back = 1;
+        // SAFETY: as above.
+        assert_eq!(unsafe { hl_volume_create(engine, &wrong, &mut imaged) }, HL_ERROR_INVALID);
+        assert_eq!(back, 0, "{}", last());
+    }
+    back = 1;
+    let spare = hl_vulkan_buffer { reserved: 1, ..lent };
+    let wrong = hl_volume_info { next: from_ref(&spare).cast(), ..info };
+    // SAFETY: as above.
+    assert_eq!(unsafe { hl_volume_create(engine, &wrong, &mut imaged) }, HL_ERROR_INVALID);
+    assert!(last().contains("reserved") && back == 0, "{back} {}", last());
 
     let texels = Texels::new(&host, vk::Format::R8_UNORM, [N as u32; 3]);
     let commands = Commands::begin(&host);
@@ -146,6 +170,18 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
     let info = hl_volume_info { next: from_ref(&lent).cast(), ..info };
     ok!(hl_volume_create(engine, &info, &mut imaged));
     assert_eq!(seen(engine, imaged), expected);
+    // A picture that is cancelled before, or refused, leaves the image alone and says so.
+    let (mut field, mut none) = (null_mut(), null_mut());
+    ok!(hl_precompute(engine, &hl_precompute_info { volume: plain, directions: 8, ..init(0) }, &mut field));
+    let target = hl_vulkan_image { handed_back: &mut back, ..lent };
+    let picture = hl_render_info { field, next: from_ref(&target).cast(), width: 8, height: 8, ..init(0) };
+    let cancelled = hl_render_info { progress: Some(stop), ..picture };
+    for (wrong, status) in [(cancelled, HL_ERROR_CANCELLED), (hl_render_info { field: null_mut(), ..picture }, HL_ERROR_HANDLE)] {
+        back = 1;
+        // SAFETY: as above.
+        assert_eq!(unsafe { hl_render(engine, &wrong, &mut none) }, status, "{}", last());
+        assert_eq!(back, 0, "{}", last());
+    }
 
     // A plan keeps its word there, and may be asked what it costs.
     let info = hl_precompute_info { volume: buffered, tolerance: 0.15, progressive: 1, ..init(0) };
@@ -164,4 +200,54 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
     ok!(hl_volume_create(engine, &info, &mut wrong));
     assert_ne!(seen(engine, wrong), expected);
     ok!(hl_engine_destroy(engine));
+}
+
+#[test]
+fn an_engine_ends_after_those_who_wait_for_its_jobs() {
+    let host = Host::new();
+    let engine = engine(&host);
+    let data = blob();
+    let mut volume = null_mut();
+    let info = hl_volume_info { data: data.as_ptr().cast(), dims: [N as u32; 3], r#type: HL_UINT8, ..init(0) };
+    ok!(hl_volume_create(engine, &info, &mut volume));
+    let long = hl_precompute_info { method: HL_METHOD_SWEEP, directions: 4096, ratio: 1, near_slices: 8, progressive: 1, ..init(0) };
+    let mut job = null_mut();
+    ok!(hl_precompute_start(engine, &hl_precompute_info { volume, ..long }, &mut job));
+    let mut state: hl_job_state = init(0);
+    while state.passes == 0 {
+        ok!(hl_job_poll(job, &mut state));
+        assert_eq!(state.status, HL_NOT_READY);
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let (job, begun) = (job.addr(), AtomicUsize::new(0));
+    std::thread::scope(|scope| {
+        for _ in 0..24 {
+            scope.spawn(|| {
+                begun.fetch_add(1, Ordering::SeqCst);
+                // SAFETY: a job of ours, which may be gone by now.
+                let status = unsafe { hl_job_wait(without_provenance_mut(job), -1.0) };
+                assert_eq!(status, HL_ERROR_CANCELLED, "{}", last());
+            });
+        }
+        // Whoever asks for the field has it before the end, or hears that there is none.
+        scope.spawn(|| {
+            begun.fetch_add(1, Ordering::SeqCst);
+            loop {
+                let mut field = null_mut();
+                // SAFETY: as above.
+                match unsafe { hl_job_get_field(without_provenance_mut(job), &mut field) } {
+                    HL_OK => assert!(!field.is_null()),
+                    gone => break assert!(gone == HL_ERROR_HANDLE && field.is_null(), "{gone}"),
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        while begun.load(Ordering::SeqCst) < 25 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        ok!(hl_engine_destroy(engine));
+        // Whatever were still on the device, the layers would name, and the host complains of that.
+        drop(host);
+    });
 }
