@@ -221,7 +221,7 @@ fn an_engine_ends_after_those_who_wait_for_its_jobs() {
     }
     let (job, begun) = (job.addr(), AtomicUsize::new(0));
     std::thread::scope(|scope| {
-        for _ in 0..24 {
+        for _ in 0..200 {
             scope.spawn(|| {
                 begun.fetch_add(1, Ordering::SeqCst);
                 // SAFETY: a job of ours, which may be gone by now.
@@ -242,7 +242,7 @@ fn an_engine_ends_after_those_who_wait_for_its_jobs() {
                 std::thread::sleep(Duration::from_millis(1));
             }
         });
-        while begun.load(Ordering::SeqCst) < 25 {
+        while begun.load(Ordering::SeqCst) < 201 {
             std::thread::sleep(Duration::from_millis(1));
         }
         std::thread::sleep(Duration::from_millis(20));
