@@ -113,7 +113,7 @@ fn the_ratio_follows_what_a_field_misses_between_its_cells() {
         assert!(plan.reasons[0].contains("between its cells a field is off by "), "{:?}", plan.reasons);
         // What it says it misses is within the tolerance, or it is the finest.
         let missed = plan.between.expect("measured");
-        assert!((missed <= tolerance) == !plan.reasons[0].contains("to be asked for"), "{missed}");
+        assert_ne!(missed <= tolerance, plan.reasons[0].contains("to be asked for"), "{missed}");
         assert!(missed <= tolerance || plan.settings.ratio == 2);
         plan.settings.ratio
     });
