@@ -3,6 +3,7 @@
 use super::axis::number;
 use super::canvas::{Canvas, Draw, Drawn, GRID, INK, MUTED, WIDTH};
 use super::{Report, Saving};
+use crate::error::bytes;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
@@ -36,7 +37,7 @@ impl Draw for Bars<'_> {
 
     fn draw<B: DrawingBackend>(&self, on: &Canvas<B>) -> Drawn<B> {
         on.text([18.0, 21.0], 17.0, HPos::Left, INK, "What each saving brings")?;
-        let subtitle = "device time without it (grey) and with it (green), each pair to its own scale; right: how far the picture moves, as relative RMSE";
+        let subtitle = "device time, or memory, without it (grey) and with it (green), each pair to its own scale; right: how far the picture moves, as relative RMSE";
         on.text([18.0, 43.0], 12.0, HPos::Left, MUTED, subtitle)?;
         let mut y = HEAD;
         for (name, savings) in &self.0 {
@@ -60,12 +61,33 @@ fn row<B: DrawingBackend>(on: &Canvas<B>, y: f64, saving: &Saving) -> Drawn<B> {
         let length = (0.85 * (RIGHT - LEFT) * value / longest).max(1.0);
         let corners = [(on.px(LEFT), on.px(top)), (on.px(LEFT + length), on.px(top + 15.0))];
         on.area.draw(&Rectangle::new(corners, color.filled()))?;
-        on.text([LEFT + length + 6.0, top + 7.5], 11.0, HPos::Left, INK, &time(value))?;
+        on.text([LEFT + length + 6.0, top + 7.5], 11.0, HPos::Left, INK, &amount(saving, value))?;
     }
     let times = saving.before / saving.after.max(1e-12);
-    on.text([RIGHT + 10.0, y + 15.0], 12.0, HPos::Left, INK, &format!("{times:.2} times as fast"))?;
-    let moved = if saving.rmse == 0.0 { "the same picture".to_owned() } else { format!("RMSE {}", number(saving.rmse)) };
+    on.text(
+        [RIGHT + 10.0, y + 15.0],
+        12.0,
+        HPos::Left,
+        INK,
+        &format!("{times:.2} times as {}", if saving.of == MEMORY { "small" } else { "fast" }),
+    )?;
+    let moved = match saving.rmse {
+        0.0 => "the same picture".to_owned(),
+        rmse if rmse > TRADE => format!("a trade: RMSE {}", number(rmse)),
+        rmse => format!("RMSE {}", number(rmse)),
+    };
     on.text([RIGHT + 10.0, y + 32.0], 11.0, HPos::Left, MUTED, &moved)
+}
+
+/// What a row saves in place of seconds.
+const MEMORY: &str = "memory";
+
+/// A picture that moves further than this is not the same for less, but another.
+const TRADE: f64 = 0.01;
+
+/// Seconds or bytes for people.
+fn amount(saving: &Saving, value: f64) -> String {
+    if saving.of == MEMORY { bytes(value as u64) } else { time(value) }
 }
 
 /// Seconds for people.
@@ -106,6 +128,9 @@ mod tests {
             before[0] == after[1] && (before[0] - 2 * after[0]).abs() <= 2 && (after[1] - 4 * before[1]).abs() <= 4,
             "{before:?} {after:?}"
         );
+        let memory = Saving { of: "memory", rmse: 0.2, ..saving(4096.0, 1024.0) };
+        let svg_memory = of(&[memory]);
+        assert!(["4.00 times as small", "4.0 KiB", "a trade: RMSE 0.2"].iter().all(|t| svg_memory.contains(t)), "{svg_memory}");
         assert!(svg.contains("2.00 times as fast") && svg.contains("0.25 times as fast") && svg.contains("the same picture"));
         assert!(canvas::png(&Bars(Vec::new())).is_ok());
     }

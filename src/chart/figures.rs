@@ -25,8 +25,9 @@ pub fn record(report: &Report, device: &DeviceInfo) -> Record {
         }
         for p in &s.savings {
             let name = format!("{}, {}, {}", s.name, p.of, p.name);
-            put(format!("{name}: before"), "s", p.before, None);
-            put(format!("{name}: after"), "s", p.after, None);
+            let unit = if p.of == "memory" { "B" } else { "s" };
+            put(format!("{name}: before"), unit, p.before, None);
+            put(format!("{name}: after"), unit, p.after, None);
         }
     }
     record

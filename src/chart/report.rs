@@ -113,11 +113,11 @@ pub struct Level {
 pub struct Saving {
     /// What is saved at.
     pub name: String,
-    /// "field", "relight" or "frame": what the seconds are of.
+    /// "field", "relight" or "frame": what the seconds are of; "memory": bytes of the packed field.
     pub of: &'static str,
-    /// Device seconds without it.
+    /// Device seconds, or bytes, without it.
     pub before: f64,
-    /// Device seconds with it.
+    /// The same with it.
     pub after: f64,
     /// Runs of each, in turns; the seconds are medians.
     pub rounds: usize,

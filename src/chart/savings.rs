@@ -60,6 +60,9 @@ fn rows(ratio: u32, image: &ImageSettings) -> Vec<Row> {
         row("grey light: 3 channels → 1".into(), "frame", &under(4, BARELY_TINTED), under(4, [1.0; 3])),
         row("4 bands → 3".into(), "field", &full, bands(&full, 3)),
         row("4 bands → 2".into(), "field", &full, bands(&full, 2)),
+        row("32 bits → 8".into(), "memory", &bits(32), full.clone()),
+        row("every cell → bricks near matter".into(), "memory", &all, full.clone()),
+        row("constant light: 4 bands → 1".into(), "memory", &under(4, [1.0; 3]), under(1, [1.0; 3])),
         row("32 bits → 8".into(), "relight", &bits(32), full.clone()),
         row(
             "one step of viewing rays a voxel → every second".into(),
@@ -116,6 +119,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
                 runs[side].push(match row.of {
                     "field" => field_seconds,
                     "relight" => seconds(&relight),
+                    "memory" => field.bytes() as f64,
                     _ => frame,
                 });
                 (fields[side], pictures[side]) = (Some(field), Some(picture));
@@ -139,7 +143,7 @@ mod tests {
         for ratio in [1, 2, 4, 8] {
             for row in rows(ratio, &ImageSettings::default()) {
                 assert!(row.before != row.after && row.before.field.check().is_ok() && row.after.field.check().is_ok(), "{}", row.name);
-                assert!(["field", "relight", "frame"].contains(&row.of));
+                assert!(["field", "relight", "frame", "memory"].contains(&row.of));
             }
         }
     }
