@@ -4,9 +4,11 @@
 
 use halflight::engine::{Engine, Options};
 use halflight::ffi::*;
+use halflight::record::Record;
 use halflight::scene::{ImageSettings, Light, Samples, Visibility};
 use halflight::{Result, demo};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -115,5 +117,12 @@ fn run(frames: usize) -> Result<()> {
     println!("  C over Rust      {:+.2} % of medians, {:+.2} % of least", 100.0 * (m / r - 1.0), 100.0 * (least(&c) / least(&rust) - 1.0));
     // SAFETY: as above.
     unsafe { ok(hl_engine_destroy(c_engine)) };
+    // A run that only tests is none to record.
+    if frames == FRAMES {
+        let mut record = Record::new("ffi", engine.device());
+        record.add(format!("a frame of {width}x{height} through Rust"), "s", rust);
+        record.add(format!("a frame of {width}x{height} through C, with its copy"), "s", c);
+        println!("wrote {}", record.write(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/records")))?.display());
+    }
     Ok(())
 }

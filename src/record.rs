@@ -63,7 +63,7 @@ pub struct Figure {
 pub struct Record {
     /// [`SCHEMA`].
     pub schema: u32,
-    /// "kernels", "paper", "chart".
+    /// "kernels", "paper", "estimators", "ffi", "chart".
     pub kind: String,
     /// On what, and when.
     #[serde(flatten)]

@@ -38,6 +38,16 @@ pub(crate) fn io(path: &Path, action: &'static str, source: std::io::Error) -> E
     Error::Io { path: path.to_owned(), action, source }
 }
 
+/// The next byte of a file, none at its end; `at` counts them.
+pub(crate) fn next_byte(path: &Path, file: &mut impl BufRead, at: &mut u64) -> Result<Option<u8>> {
+    let byte = file.fill_buf().map_err(|e| io(path, "read", e))?.first().copied();
+    if byte.is_some() {
+        file.consume(1);
+        *at += 1;
+    }
+    Ok(byte)
+}
+
 /// "256x256x128".
 pub(crate) fn shape(dims: [usize; 3]) -> String {
     format!("{}x{}x{}", dims[0], dims[1], dims[2])

@@ -1,10 +1,10 @@
 //! The text of a legacy VTK file, and what lies between its words.
 
-use super::limits::{bad, io, quote};
+use super::limits::{bad, io, next_byte, quote};
 use super::samples::SampleType;
 use crate::error::Result;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Seek, SeekFrom};
+use std::io::{BufReader, Seek, SeekFrom};
 use std::path::Path;
 
 /// Longest word or line of the text parts, bytes.
@@ -20,12 +20,7 @@ pub(super) struct Text<'a> {
 
 impl Text<'_> {
     fn byte(&mut self) -> Result<Option<u8>> {
-        let byte = self.file.fill_buf().map_err(|e| io(self.path, "read", e))?.first().copied();
-        if byte.is_some() {
-            self.file.consume(1);
-            self.at += 1;
-        }
-        Ok(byte)
+        next_byte(self.path, &mut self.file, &mut self.at)
     }
 
     /// The next word; none where the file is over. Stops behind the blank that ends it; says whether that ended the line.

@@ -3,7 +3,7 @@
 //! and a tag of any length; it reads the attributes of the tags that are found here. Comments and processing
 //! instructions are passed over; DOCTYPE (entities that grow, files that are fetched) is refused.
 
-use super::limits::{bad, io, quote};
+use super::limits::{bad, next_byte, quote};
 use crate::error::Result;
 use quick_xml::XmlVersion;
 use quick_xml::events::BytesStart;
@@ -55,12 +55,7 @@ impl<'a, R: BufRead> Tags<'a, R> {
     }
 
     fn byte(&mut self) -> Result<Option<u8>> {
-        let byte = self.file.fill_buf().map_err(|e| io(self.path, "read", e))?.first().copied();
-        if byte.is_some() {
-            self.file.consume(1);
-            self.at += 1;
-        }
-        Ok(byte)
+        next_byte(self.path, &mut self.file, &mut self.at)
     }
 
     /// The next tag; none where the file is over.
