@@ -47,7 +47,7 @@ fn bricks_hold_the_wanted_cells_and_nothing_else() {
             let estimate = engine.estimate(&medium, &v, &wanted, &mut quiet).expect("estimate");
             let mut expected = vec![0f32; read.len()];
             for (&cell, e) in wanted.iter().zip(&estimate) {
-                let codes = pack::decode(&pack::reference(e, bands, bits), bits);
+                let codes = pack::decode(&pack::reference(e, bands, bits, false), bits, false);
                 expected[cell as usize * kept..][..kept].copy_from_slice(&codes[..kept]);
             }
             assert!(!wanted.is_empty() && (ratio == 4 || wanted.len() * kept < read.len()), "some cells are far from matter");

@@ -211,7 +211,7 @@ fn packing_keeps_half_a_quantum_and_exact_zero() {
             let kept = s.coefficients();
             assert_eq!(read.len(), 350 * kept);
             for (cell, v) in exact.iter().enumerate() {
-                let twin = pack::decode(&pack::reference(v, bands, bits), bits);
+                let twin = pack::decode(&pack::reference(v, bands, bits, false), bits, false);
                 for i in 0..kept {
                     let got = read[cell * kept + i];
                     let levels = if i == 0 { ((1u64 << bits) - 1) as f32 } else { ((1u64 << bits) - 2) as f32 };

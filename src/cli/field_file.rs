@@ -100,7 +100,7 @@ pub fn settled(v: &Visibility) -> Visibility {
         out.step = d.step;
     }
     if v.method != Method::Sweep {
-        out.near = d.near;
+        (out.near, out.fit) = (d.near, d.fit);
     }
     out
 }

@@ -1,6 +1,6 @@
 //! Memory, said beforehand: what a scene needs on the device, and what would fit where that is too much.
 
-use super::{Engine, Medium, estimate, sweep};
+use super::{Engine, Medium, estimate, fit, sweep};
 use crate::error::{Error, Result};
 use crate::scene::visibility::{Method, Sampling};
 use crate::scene::{Grid, Samples, Visibility, Volume};
@@ -79,8 +79,8 @@ pub(super) struct Share {
 }
 
 impl Cost {
-    /// Of a field of `held` bricks, in which `wanted` cells are computed.
-    fn new(grid: &Grid, settings: &Visibility, held: u64, wanted: u64, loop_limit: u32) -> Result<Self> {
+    /// Of a field of `held` bricks, in which `wanted` cells are computed and `matter` cells hold matter.
+    fn new(grid: &Grid, settings: &Visibility, held: u64, (wanted, matter): (u64, u64), loop_limit: u32) -> Result<Self> {
         let dims = grid.field_dims(settings.ratio as usize);
         let texel = u64::from(pack::formats(settings.bands, settings.bits).0.bytes());
         let groups = pack::groups(settings.bands) as u64;
@@ -99,6 +99,7 @@ impl Cost {
             Method::Sweep => {
                 fixed += groups * image_bytes(cells::slot_dims(wanted), 16) + image_bytes(dims.map(|n| n as u32), 4);
                 fixed += Tiles::bytes(dims) + table(size_of::<Ray>());
+                fixed += fit::bytes(settings, matter, wanted, dims.iter().map(|&n| n as u64).product());
                 if wanted > 0 {
                     ring = [sweep::ring_bytes(dims, settings.near), sweep::most_ring(grid, settings, loop_limit)?];
                 }
@@ -136,7 +137,7 @@ pub fn precompute_memory(grid: &Grid, settings: &Visibility) -> (u64, u64) {
     let cells = dims.iter().map(|&n| n as u64).product();
     let held = bricks::directory_dims(dims).iter().map(|&n| n as u64).product();
     // A device without bounded loops refuses no step.
-    let cost = Cost::new(grid, settings, held, cells, u32::MAX);
+    let cost = Cost::new(grid, settings, held, (cells, cells), u32::MAX);
     cost.map_or((u64::MAX, u64::MAX), |c| (c.kept, c.scratch(&c.share(u64::MAX))))
 }
 
@@ -191,7 +192,7 @@ impl Engine {
     /// What the cells of `map` cost.
     pub(super) fn cost(&self, grid: &Grid, settings: &Visibility, map: &CellMap) -> Result<Cost> {
         let held = self.bricks(grid, settings, map).count();
-        Cost::new(grid, settings, held, map.wanted as u64, self.device.loop_limit())
+        Cost::new(grid, settings, held, (map.wanted as u64, map.matter as u64), self.device.loop_limit())
     }
 
     /// What bringing a field back costs.

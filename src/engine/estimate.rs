@@ -79,7 +79,7 @@ impl Engine {
         }
         let map = match settings.method {
             Method::Sweep => self.cell_map(medium, settings, cells)?,
-            _ => CellMap { texels: Vec::new(), wanted: cells.len() },
+            _ => CellMap { texels: Vec::new(), wanted: cells.len(), matter: 0 },
         };
         let cost = Cost { kept: 0, ..self.cost(medium.grid(), settings, &map)? };
         let share = self.admitted("the estimate", 0, &cost, |_| "take a coarser ratio, or allow more memory".into())?;
@@ -182,7 +182,7 @@ impl Engine {
                     Estimator::Sweep(swept, correction) => {
                         // All directions were swept for all cells: only collect them.
                         run.direction_count = n;
-                        sweep::record_gather(&mut rec, &run, &swept.cell_map, swept.sums.each_ref(), correction.as_ref())?;
+                        sweep::record_gather(&mut rec, &run, &swept.cell_map, swept.result(), correction.as_ref())?;
                     }
                 }
                 // The next run of directions adds to the same sums.

@@ -61,7 +61,7 @@ impl Field {
 
     /// What kernels take.
     pub(super) fn packed(&self) -> Packed<'_> {
-        Packed { images: self.0.images.each_ref(), directory: &self.0.layout.directory, bits: self.0.settings.bits }
+        Packed { images: self.0.images.each_ref(), directory: &self.0.layout.directory, bits: self.0.settings.bits, wide: self.0.settings.fit > 0 }
     }
 }
 
@@ -235,7 +235,7 @@ impl Engine {
                 let Some(codes) = field.bricks().texel(cell).and_then(|t| texels.get(t)) else { continue };
                 let mut all = [0u32; 16];
                 all[4 * g..4 * g + 4].copy_from_slice(codes);
-                let v = pack::decode(&all, s.bits);
+                let v = pack::decode(&all, s.bits, s.fit > 0);
                 let group = 4 * g..(4 * g + 4).min(kept);
                 out[group.clone()].copy_from_slice(&v[group]);
             }

@@ -6,6 +6,7 @@ mod budget;
 mod buried;
 mod cost;
 mod estimate;
+mod fit;
 mod field;
 pub mod host;
 mod occupancy;

@@ -133,6 +133,13 @@ impl Engine {
     /// Which cells a field of these settings holds; `also` are wanted besides.
     pub(super) fn cell_map(&self, medium: &Medium, settings: &Visibility, also: &[u32]) -> Result<CellMap> {
         let dims = self.field_dims(medium.grid(), settings)?;
+        if settings.fit > 0 && medium.has_surface() {
+            return Err(Error::Invalid {
+                item: "visibility.fit",
+                what: format!("{} points of an isosurface", settings.fit),
+                right: "fields are fitted to media; a surface takes its light from the vacuum before it: take fit 0".into(),
+            });
+        }
         let matter = cells::matter(medium.occupancy.filled(), medium.occupancy.dims(), medium.grid().dims(), dims);
         let buried = self.buried(medium, dims)?;
         Ok(CellMap::new(dims, &matter, &buried, also, settings.cells == Cells::All))

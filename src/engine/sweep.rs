@@ -1,10 +1,12 @@
 //! The sweep: all cells at once, slice by slice, in batches of directions, in passes that refine.
 
+use super::fit::Fit;
 use super::{Engine, Medium, Pacer};
 use crate::error::{Error, Result};
 use crate::scene::{Grid, Visibility};
 use crate::stages::cell_size;
 use crate::stages::cells::{self, CellMap, Tiles};
+use crate::stages::fit;
 use crate::stages::pack::groups as coefficient_groups;
 use crate::stages::sweep::{self, Group, Ray, Slice, Sweep};
 use crate::vk::{Access, Buffer, Format, Image, ImageDesc};
@@ -70,6 +72,12 @@ pub(super) struct Sweeper<'a> {
     pub cell_map: Image,
     /// Sums of V·Y of the wanted cells; readable between passes.
     pub sums: [Image; 4],
+    /// The points that the cells are fitted to, if they are.
+    fit: Option<Fit>,
+    /// Linear indices of the wanted cells, for the fit.
+    wanted_cells: Vec<u32>,
+    /// Directions swept so far.
+    directions: u32,
 }
 
 impl<'a> Sweeper<'a> {
@@ -112,6 +120,8 @@ impl<'a> Sweeper<'a> {
         let tile_list = device.buffer_from("tiles", &tiles.list)?;
         let step_length = f64::from(settings.step) * grid.voxel_length();
         let pacer = Pacer::new(4, 1 << 16);
+        let fit = Fit::new(engine, medium, settings, dims, map.wanted as u64)?;
+        let wanted_cells = if fit.is_some() { map.cells() } else { Vec::new() };
         Ok(Self {
             engine,
             medium,
@@ -127,6 +137,9 @@ impl<'a> Sweeper<'a> {
             begin: true,
             cell_map,
             sums,
+            fit,
+            wanted_cells,
+            directions: 0,
         })
     }
 
@@ -206,6 +219,25 @@ impl<'a> Sweeper<'a> {
                         rec.barrier(&[ring.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
                         rec.barrier(&self.sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
                     }
+                    let Some(points) = &self.fit else { continue };
+                    let run = points.run(b.axis, index as usize);
+                    if run[1] > 0 {
+                        let slice = Slice {
+                            axis: b.axis,
+                            index,
+                            order,
+                            tiles: [0; 2],
+                            dense: true,
+                            first_direction: b.first,
+                            direction_count: b.count,
+                            begin: self.begin,
+                        };
+                        let seen = points.seen();
+                        fit::record_see(&mut rec, &self.medium.view(), &job, slice, b.rising, self.step_length, (&seen, run))?;
+                        // Another batch adds to the same sums, and the next slice writes over what was read.
+                        rec.barrier(&[seen.sums.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                        rec.barrier(&[ring.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                    }
                 }
                 rec.submit()?;
                 self.pacer.took(count, start.elapsed().as_secs_f64());
@@ -220,6 +252,22 @@ impl<'a> Sweeper<'a> {
         rec.barrier(&self.sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeRead)));
         rec.submit()?;
         self.ring = Some(ring);
+        self.directions += rays.len() as u32;
+        if let Some(points) = &mut self.fit {
+            let sums = self.sums.each_ref();
+            let cells = (&self.wanted_cells[..], &self.cell_map);
+            points.solve(self.engine, self.medium, dims, cells, (sums, self.directions), &mut || tell(1.0))?;
+        }
         Ok(())
+    }
+
+    /// What the swept cells are: fitted to what is read between them, or their own sums; readable.
+    pub fn result(&self) -> [&Image; 4] {
+        self.fit.as_ref().map_or(self.sums.each_ref(), |fit| fit.fitted.each_ref())
+    }
+
+    /// The points of the fit and what they have seen, if it has any.
+    pub fn points(&self) -> Result<Option<(Vec<[f32; 4]>, Vec<f32>)>> {
+        self.fit.as_ref().map(|fit| fit.read(self.engine)).transpose()
     }
 }

@@ -249,10 +249,11 @@ fn turn(s: &Settings, key: &str) -> Result<Option<(DVec3, f64)>> {
 
 /// A tolerance or a quality, in place of the settings that a plan finds; bands, cells, ratio and bits may stand beside it.
 fn wanted(s: &mut Settings) -> Result<Option<Wanted>> {
-    const FOUND: [&str; 7] = [
+    const FOUND: [&str; 8] = [
         "visibility.method",
         "visibility.directions",
         "visibility.near",
+        "visibility.fit",
         "visibility.step",
         "visibility.sampling",
         "visibility.filter",
@@ -291,6 +292,7 @@ fn visibility(s: &Settings) -> Result<Visibility> {
         growth: number("visibility.growth", "it must lie in 0.05..4", default.growth)?,
         step: number("visibility.step", "it must lie in 0.01..16", default.step)?,
         near: integer("visibility.near", "it must be 1 to 8 slices", default.near)?,
+        fit: integer("visibility.fit", "it must be 0 to 64 points per cell", default.fit)?,
         cells: s.choice("visibility.cells", &[("matter", Cells::Matter), ("all", Cells::All)])?.unwrap_or_default(),
     };
     settings.check().map_err(|e| match e {

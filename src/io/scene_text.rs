@@ -204,6 +204,7 @@ fn visibility(scene: &Scene) -> Table {
         ("growth", short(v.growth)),
         ("step", short(v.step)),
         ("near", integer(v.near.into())),
+        ("fit", integer(v.fit.into())),
         ("cells", word(if v.cells == Cells::All { "all" } else { "matter" })),
     ])
 }

@@ -61,7 +61,7 @@ fn dense(ratio: u32, directions: u32) -> Visibility {
 pub fn packed(v: &[[f32; 16]], bands: u32, bits: u32) -> Vec<[f32; 16]> {
     v.iter()
         .map(|v| {
-            let mut out = pack::decode(&pack::reference(v, bands, bits), bits);
+            let mut out = pack::decode(&pack::reference(v, bands, bits, false), bits, false);
             out[(bands * bands) as usize..].fill(0.0);
             out
         })

@@ -41,6 +41,9 @@ pub enum Sampling {
 /// Most directions of a sweep: their order takes N² work.
 pub const MAX_SWEPT: u32 = 4096;
 
+/// Most points of a cell that a field is fitted to.
+pub const MOST_FITTED: u32 = 64;
+
 /// Which cells of the field are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cells {
@@ -106,6 +109,9 @@ pub struct Visibility {
     pub step: f32,
     /// Slices of field cells that a ray is marched densely before the swept transmittance is trusted (`sweep`).
     pub near: u32,
+    /// Points of visible matter per cell that coefficients are fitted to (`sweep`, media), by least squares of what pictures
+    /// read between cells; 0: they are what is seen from the cells' centres. See `stages::fit`.
+    pub fit: u32,
     /// Which cells are computed.
     pub cells: Cells,
 }
@@ -123,6 +129,7 @@ impl Default for Visibility {
             growth: 0.25,
             step: 1.0,
             near: 1,
+            fit: 0,
             cells: Cells::Matter,
         }
     }
@@ -160,6 +167,12 @@ impl Visibility {
         }
         if !(1..=8).contains(&self.near) {
             return bad("visibility.near", format!("{}", self.near), "it must be 1 to 8 slices");
+        }
+        if self.fit > MOST_FITTED {
+            return bad("visibility.fit", format!("{} points", self.fit), &format!("it must be 0 to {MOST_FITTED} points per cell"));
+        }
+        if self.fit > 0 && self.method != Method::Sweep {
+            return bad("visibility.fit", format!("{} points", self.fit), "only visibility.method \"sweep\" sees from points; take that, or fit 0");
         }
         if self.method == Method::Sweep && self.directions > MAX_SWEPT {
             let right = format!("a sweep takes at most {MAX_SWEPT}; more would not show beside its own error");

@@ -19,6 +19,8 @@ pub struct CellMap {
     pub texels: Vec<u32>,
     /// Wanted cells.
     pub wanted: usize,
+    /// Cells that may hold matter.
+    pub matter: usize,
 }
 
 /// Cells of a field of `dims` that share a voxel with a block that holds matter. `blocks` are those of the occupancy, over a
@@ -69,7 +71,7 @@ impl CellMap {
             u32::from(distance.saturating_sub(1)) | if wants { (wanted as u32) << 4 } else { 0 }
         };
         let texels = distances.into_iter().zip(wants).map(texel).collect();
-        Self { texels, wanted }
+        Self { texels, wanted, matter: matter.iter().filter(|m| **m).count() }
     }
 
     /// The cells that `wants` says, x fastest; nothing is known of matter.
@@ -80,7 +82,7 @@ impl CellMap {
             if wants { (wanted as u32) << 4 } else { 0 }
         };
         let texels = wants.map(texel).collect();
-        Self { texels, wanted }
+        Self { texels, wanted, matter: 0 }
     }
 
     /// Linear indices of the wanted cells, ascending.

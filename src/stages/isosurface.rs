@@ -126,6 +126,7 @@ pub fn record(rec: &mut Recorder, surface: &Surface, view: &View, part: Part, st
         &kernel::Spec {
             bands: surface.bands,
             bits: surface.field.bits,
+            wide: surface.field.wide,
             lambert: u32::from(surface.shading == Shading::Lambert),
             skip: surface.leap.skip.into(),
             clips: surface.clips,

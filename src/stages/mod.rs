@@ -9,6 +9,7 @@ pub mod cells;
 pub mod classify;
 pub mod directions;
 pub mod estimate;
+pub mod fit;
 pub mod hierarchical;
 pub mod isosurface;
 pub mod majorant;

@@ -2,7 +2,8 @@
 //!
 //! v₀₀ ∈ [0, 2√π] and |v_lm| ≤ ½∫|Y_lm|dω = R_lm: each coefficient is quantised over exactly its own range. For l > 0
 //! code 2^(bits−1) is zero and codes 2^(bits−1) ± (2^(bits−1) − 1) are ±R_lm, so that an empty neighbourhood stays
-//! exactly uncoloured. 32 bits keep the float.
+//! exactly uncoloured. 32 bits keep the float. A fitted field ([`super::fit`]) goes beyond what can be seen from any point:
+//! its ranges are twice as wide, [−√π, 3√π] for v₀₀ with zero at code 2^(bits−2).
 
 use super::dims_u32;
 use super::estimate::Run;
@@ -40,6 +41,8 @@ pub struct Packed<'a> {
     pub directory: &'a Image,
     /// Bits a coefficient.
     pub bits: u32,
+    /// Whether ranges are twice as wide.
+    pub wide: bool,
 }
 
 /// Records the packing of `run`'s cells, each sum times `weight` (4π/N for sums of V·Y over N directions); sums must be
@@ -59,14 +62,15 @@ pub fn record(rec: &mut Recorder, run: &Run, weight: f32, packed: &Packed) -> Re
             field3: images[3].storage(0),
             bricks: packed.directory.sampled().as_nearest(),
         },
-        &kernel::Spec { bands: run.bands, bits: packed.bits },
+        &kernel::Spec { bands: run.bands, bits: packed.bits, wide: packed.wide },
         &kernel::Params { field_dims: dims_u32(run.field_dims), cell_count: run.cell_count, capacity: run.capacity, weight },
         [run.cell_count, 1, 1],
     )
 }
 
-/// The twin: codes of 16 coefficients (at 32 bits: their bit patterns). Coefficients beyond `bands`² count as 0.
-pub fn reference(v: &[f32; 16], bands: u32, bits: u32) -> [u32; 16] {
+/// The twin: codes of 16 coefficients (at 32 bits: their bit patterns). Coefficients beyond `bands`² count as 0. `wide`: of a
+/// fitted field.
+pub fn reference(v: &[f32; 16], bands: u32, bits: u32, wide: bool) -> [u32; 16] {
     std::array::from_fn(|i| {
         let x = if i < (bands * bands) as usize && !v[i].is_nan() { v[i] } else { 0.0 };
         if bits == 32 {
@@ -74,17 +78,18 @@ pub fn reference(v: &[f32; 16], bands: u32, bits: u32) -> [u32; 16] {
         }
         let top = ((1u64 << bits) - 1) as f32;
         let zero = (1u64 << (bits - 1)) as f32;
-        let code = if i == 0 {
-            (x / PACK_RANGE[0] * top).round_ties_even().clamp(0.0, top)
-        } else {
-            (x / PACK_RANGE[i] * (zero - 1.0)).round_ties_even().clamp(1.0 - zero, zero - 1.0) + zero
+        let part = x / PACK_RANGE[i];
+        let code = match (i, wide) {
+            (0, false) => (part * top).round_ties_even().clamp(0.0, top),
+            (0, true) => ((part * (zero - 1.0)).round_ties_even() + zero / 2.0).clamp(0.0, top),
+            _ => (part * (zero - 1.0) * if wide { 0.5 } else { 1.0 }).round_ties_even().clamp(1.0 - zero, zero - 1.0) + zero,
         };
         code as u32
     })
 }
 
-/// The coefficients that 16 codes stand for.
-pub fn decode(codes: &[u32; 16], bits: u32) -> [f32; 16] {
+/// The coefficients that 16 codes stand for; `wide`: in a fitted field.
+pub fn decode(codes: &[u32; 16], bits: u32, wide: bool) -> [f32; 16] {
     std::array::from_fn(|i| {
         if bits == 32 {
             return f32::from_bits(codes[i]);
@@ -92,7 +97,11 @@ pub fn decode(codes: &[u32; 16], bits: u32) -> [f32; 16] {
         let top = ((1u64 << bits) - 1) as f32;
         let zero = (1u64 << (bits - 1)) as f32;
         let code = codes[i] as f32;
-        if i == 0 { code / top * PACK_RANGE[0] } else { (code - zero) / (zero - 1.0) * PACK_RANGE[i] }
+        match (i, wide) {
+            (0, false) => code / top * PACK_RANGE[0],
+            (0, true) => (code - zero / 2.0) / (zero - 1.0) * PACK_RANGE[0],
+            _ => (code - zero) / (zero - 1.0) * PACK_RANGE[i] * if wide { 2.0 } else { 1.0 },
+        }
     })
 }
 

@@ -69,7 +69,7 @@ pub fn record(
                 irradiance: irradiance.storage(0),
                 bricks: packed.directory.sampled().as_nearest(),
             },
-            &kernel::Spec { bands, bits: packed.bits, grey: (irradiance.format() == format(true)).into() },
+            &kernel::Spec { bands, bits: packed.bits, wide: packed.wide, grey: (irradiance.format() == format(true)).into() },
             &kernel::Params { field_dims: dims_u32(field_dims), first_slice, corner_x, corner_y, corner_z },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;

@@ -1,0 +1,219 @@
+//! The fit beside a sweep: points of visible matter, what they see, and the cells that read it right.
+
+use super::{Engine, Medium};
+use crate::error::Result;
+use crate::scene::Visibility;
+use crate::stages::cells;
+use crate::stages::fit::{self, Equations, STEPS, Seen};
+use crate::stages::pack::groups as coefficient_groups;
+use crate::vk::{Access, Buffer, Format, Image, ImageDesc};
+
+/// Cells whose points are drawn in a dispatch: 600 taps each, tens of milliseconds on a CPU device.
+const DRAWN: usize = 1 << 12;
+
+/// Cells whose equations are set up in a dispatch: those of some hundred points each.
+const SET_UP: u32 = 1 << 13;
+
+/// Cells that a dispatch iterates over.
+const ITERATED: u32 = 1 << 16;
+
+/// Points, and what they have seen so far.
+pub(super) struct Fit {
+    points: Buffer,
+    per_box: u32,
+    boxes: u32,
+    /// Per cell of the field its box + 1, or 0.
+    lookup: Buffer,
+    order: Buffer,
+    /// Per axis and slice: first of the order, boxes.
+    runs: [Vec<[u32; 2]>; 3],
+    sums: Buffer,
+    /// Bands that the sums hold.
+    bands: u32,
+    /// What was found last, in the slots of the wanted cells; readable.
+    pub fitted: [Image; 4],
+    solved: bool,
+}
+
+/// Device bytes of a fit, at most: `matter` cells hold matter, `wanted` are fitted, of `all`.
+pub(super) fn bytes(settings: &Visibility, matter: u64, wanted: u64, all: u64) -> u64 {
+    if settings.fit == 0 {
+        return 0;
+    }
+    let kept = settings.coefficients() as u64;
+    let groups = coefficient_groups(settings.bands) as u64;
+    let points = matter * u64::from(settings.fit);
+    let drawn = (DRAWN as u64).min(matter) * (4 + 16 * u64::from(settings.fit));
+    let solver = wanted * (27 * 4 + 4 * 16 + 4);
+    4 * all + 12 * matter + points * (16 + 4 * kept) + drawn.max(solver) + groups * super::budget::image_bytes(cells::slot_dims(wanted), 16)
+}
+
+impl Fit {
+    /// Draws the points of a medium's matter for a field of `dims` cells; none where none is met.
+    pub fn new(engine: &Engine, medium: &Medium, settings: &Visibility, dims: [usize; 3], wanted: u64) -> Result<Option<Self>> {
+        let device = &engine.device;
+        let per_box = settings.fit;
+        if per_box == 0 || wanted == 0 {
+            return Ok(None);
+        }
+        let matter = cells::matter(medium.occupancy.filled(), medium.occupancy.dims(), medium.grid().dims(), dims);
+        let candidates: Vec<u32> = (0..matter.len() as u32).filter(|&c| matter[c as usize]).collect();
+        if candidates.is_empty() {
+            return Ok(None);
+        }
+        let most = candidates.len().min(DRAWN);
+        let cells = device.buffer::<u32>("cells to draw in", most)?;
+        let drawn = device.buffer::<[f32; 4]>("drawn points", most * per_box as usize)?;
+        let (mut found, mut points) = (Vec::new(), Vec::new());
+        for chunk in candidates.chunks(DRAWN) {
+            device.write(&cells, chunk)?;
+            let mut rec = device.record()?;
+            // The host has read what was there.
+            rec.barrier(&[drawn.all().from(drawn.last_access()).to(Access::ComputeWrite)]);
+            fit::record_points(&mut rec, &medium.view(), dims, (&cells, chunk.len() as u32), per_box, &drawn)?;
+            rec.submit()?;
+            let read: Vec<[f32; 4]> = device.read(&drawn, chunk.len() * per_box as usize)?;
+            for (cell, of) in chunk.iter().zip(read.chunks_exact(per_box as usize)).filter(|(_, of)| of[0][3] > 0.0) {
+                found.push(*cell);
+                points.extend_from_slice(of);
+            }
+        }
+        drop((cells, drawn));
+        if found.is_empty() {
+            return Ok(None);
+        }
+        let strides = [1, dims[0], dims[0] * dims[1]];
+        let mut order = Vec::with_capacity(3 * found.len());
+        let mut runs: [Vec<[u32; 2]>; 3] = Default::default();
+        for (axis, runs) in runs.iter_mut().enumerate() {
+            let mut slices = vec![Vec::new(); dims[axis]];
+            for (i, &cell) in found.iter().enumerate() {
+                slices[cell as usize / strides[axis] % dims[axis]].push(i as u32);
+            }
+            for slice in slices {
+                runs.push([order.len() as u32, slice.len() as u32]);
+                order.extend(slice);
+            }
+        }
+        let mut lookup = vec![0u32; matter.len()];
+        for (i, &cell) in found.iter().enumerate() {
+            lookup[cell as usize] = i as u32 + 1;
+        }
+        let kept = coefficient_groups(settings.bands);
+        let image = |g: usize| {
+            device.image3(&ImageDesc {
+                name: ["fitted 0", "fitted 1", "fitted 2", "fitted 3"][g],
+                // Coefficients beyond the bands are bound and never touched.
+                dims: if g < kept { cells::slot_dims(wanted) } else { [1; 3] },
+                levels: 1,
+                format: Format::Rgba32Sfloat,
+                views: &[],
+                storage: true,
+            })
+        };
+        let fitted = [image(0)?, image(1)?, image(2)?, image(3)?];
+        let sums = device.buffer::<f32>("what points see", settings.coefficients() * points.len())?;
+        let mut rec = device.record()?;
+        // Fresh sums: the first batch stores without loading. What is fitted is stored before it is read.
+        rec.barrier(&[sums.all().from(Access::None).to(Access::ComputeReadWrite)]);
+        rec.barrier(&fitted.each_ref().map(|i| i.mip(0).from(Access::None).to(Access::ComputeRead)));
+        rec.submit()?;
+        Ok(Some(Self {
+            points: device.buffer_from("points", &points)?,
+            per_box,
+            boxes: found.len() as u32,
+            lookup: device.buffer_from("boxes", &lookup)?,
+            order: device.buffer_from("boxes by slice", &order)?,
+            runs,
+            sums,
+            bands: settings.bands,
+            fitted,
+            solved: false,
+        }))
+    }
+
+    /// What kernels take.
+    pub fn seen(&self) -> Seen<'_> {
+        Seen { points: &self.points, per_box: self.per_box, boxes: self.boxes, order: &self.order, sums: &self.sums }
+    }
+
+    /// First of the order, and boxes, of a slice.
+    pub fn run(&self, axis: usize, slice: usize) -> [u32; 2] {
+        self.runs[axis][slice]
+    }
+
+    /// Finds the cells of `map`, whose centres see `sums` of so many `directions` as the points do by now; both must be readable.
+    /// `tell` is told that it goes on.
+    pub fn solve(
+        &mut self,
+        engine: &Engine,
+        medium: &Medium,
+        dims: [usize; 3],
+        (map, cell_map): (&[u32], &Image),
+        (sums, directions): ([&Image; 4], u32),
+        tell: &mut dyn FnMut() -> Result<()>,
+    ) -> Result<()> {
+        let device = &engine.device;
+        let count = map.len() as u32;
+        let cells = device.buffer_from("wanted cells", map)?;
+        let rows = device.buffer::<f32>("rows", 27 * map.len())?;
+        let vectors = |name| device.buffer::<[f32; 4]>(name, map.len());
+        let (side, a, b, moves) = (vectors("side")?, vectors("solution")?, vectors("other solution")?, vectors("moves")?);
+        let equations = Equations {
+            dims,
+            cells: &cells,
+            count,
+            boxes: &self.lookup,
+            rows: &rows,
+            side: &side,
+            solutions: [&a, &b],
+            moves: &moves,
+            bands: self.bands,
+            directions,
+        };
+        let mut rec = device.record()?;
+        // Fresh, and read in turns with being written from here on.
+        rec.barrier(&[&rows, &side, &a, &b, &moves].map(|b| b.all().from(Access::None).to(Access::ComputeReadWrite)));
+        rec.barrier(&self.fitted.each_ref().map(|i| i.mip(0).from(Access::ComputeRead).to(Access::ComputeWrite)));
+        rec.submit()?;
+        let chunks = |size: u32| (0..count).step_by(size as usize).map(move |first| (first, size.min(count - first)));
+        for group in 0..coefficient_groups(self.bands) {
+            for part in chunks(SET_UP) {
+                let mut rec = device.record()?;
+                if group > 0 && part.0 == 0 {
+                    // The last iterations have read them.
+                    rec.barrier(&[&rows, &side, &a].map(|b| b.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
+                }
+                fit::record_rows(&mut rec, medium.grid(), &self.seen(), &equations, (group as u32, sums[group]), part)?;
+                // Parts do not overlap; the iterations read them.
+                rec.barrier(&[&rows, &side, &a].map(|b| b.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
+                rec.submit()?;
+                tell()?;
+            }
+            for step in 0..STEPS {
+                for part in chunks(ITERATED) {
+                    let mut rec = device.record()?;
+                    fit::record_step(&mut rec, cell_map, &equations, (group as u32, sums[group], &self.fitted[group]), step, part)?;
+                    // The next iteration reads what this one wrote.
+                    rec.barrier(&[&a, &b, &moves].map(|b| b.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
+                    rec.barrier(&[self.fitted[group].mip(0).from(Access::ComputeWrite).to(Access::ComputeWrite)]);
+                    rec.submit()?;
+                }
+                tell()?;
+            }
+        }
+        let mut rec = device.record()?;
+        // What was found is read next.
+        rec.barrier(&self.fitted.each_ref().map(|i| i.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)));
+        rec.submit()?;
+        self.solved = true;
+        Ok(())
+    }
+
+    /// Places in voxels and weights, and sums of V·Y (bands² × points, coefficient after coefficient): for tests.
+    pub fn read(&self, engine: &Engine) -> Result<(Vec<[f32; 4]>, Vec<f32>)> {
+        let count = (self.boxes * self.per_box) as usize;
+        let kept = (self.bands * self.bands) as usize;
+        Ok((engine.device.read(&self.points, count)?, engine.device.read(&self.sums, kept * count)?))
+    }
+}
