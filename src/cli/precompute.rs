@@ -99,8 +99,9 @@ pub fn say(report: &mut Report, measured: &measure::Report) {
         report.line(
             "error",
             format!(
-                "at {} cells near matter, against {} directions in steps of {} voxel; with 95 % intervals",
+                "at {} {} against {} directions in steps of {} voxel; with 95 % intervals",
                 thousands(measured.probes),
+                measured.of(),
                 thousands(measured.directions as usize),
                 measured.step
             ),

@@ -1,10 +1,13 @@
 //! The fit beside a sweep: points of visible matter, what they see, and the cells that read it right.
 
-use super::{Engine, Medium};
+use super::precompute::telling;
+use super::sweep::Sweeper;
+use super::{Engine, Medium, Progress};
 use crate::error::Result;
 use crate::scene::Visibility;
 use crate::stages::cells;
-use crate::stages::fit::{self, Equations, STEPS, Seen};
+use crate::stages::fit::{self, Equations, Group, STEPS, Seen};
+use crate::stages::sweep;
 use crate::stages::pack::groups as coefficient_groups;
 use crate::vk::{Access, Buffer, Format, Image, ImageDesc};
 
@@ -32,7 +35,10 @@ pub(super) struct Fit {
     bands: u32,
     /// What was found last, in the slots of the wanted cells; readable.
     pub fitted: [Image; 4],
-    solved: bool,
+    /// Linear indices of the cells that points read.
+    read: Vec<u32>,
+    /// Per cell of the field its place among them + 1, or 0.
+    places: Buffer,
 }
 
 /// Device bytes of a fit, at most: `matter` cells hold matter, `wanted` are fitted, of `all`.
@@ -44,8 +50,8 @@ pub(super) fn bytes(settings: &Visibility, matter: u64, wanted: u64, all: u64) -
     let groups = coefficient_groups(settings.bands) as u64;
     let points = matter * u64::from(settings.fit);
     let drawn = (DRAWN as u64).min(matter) * (4 + 16 * u64::from(settings.fit));
-    let solver = wanted * (27 * 4 + 4 * 16 + 4);
-    4 * all + 12 * matter + points * (16 + 4 * kept) + drawn.max(solver) + groups * super::budget::image_bytes(cells::slot_dims(wanted), 16)
+    let solver = wanted * (27 * 4 + 4 * kept + 3 * 16 + 8);
+    8 * all + 12 * matter + points * (16 + 4 * kept) + drawn.max(solver) + groups * super::budget::image_bytes(cells::slot_dims(wanted), 16)
 }
 
 impl Fit {
@@ -99,6 +105,11 @@ impl Fit {
         for (i, &cell) in found.iter().enumerate() {
             lookup[cell as usize] = i as u32 + 1;
         }
+        let read = around(&found, dims);
+        let mut places = vec![0u32; matter.len()];
+        for (i, &cell) in read.iter().enumerate() {
+            places[cell as usize] = i as u32 + 1;
+        }
         let kept = coefficient_groups(settings.bands);
         let image = |g: usize| {
             device.image3(&ImageDesc {
@@ -128,7 +139,8 @@ impl Fit {
             sums,
             bands: settings.bands,
             fitted,
-            solved: false,
+            places: device.buffer_from("places", &places)?,
+            read,
         }))
     }
 
@@ -142,28 +154,30 @@ impl Fit {
         self.runs[axis][slice]
     }
 
-    /// Finds the cells of `map`, whose centres see `sums` of so many `directions` as the points do by now; both must be readable.
-    /// `tell` is told that it goes on.
+    /// Finds the cells `wanted` (slot by slot of `cell_map`), whose centres see `sums` of so many `directions` as the points do by
+    /// now; the images must be readable. `tell` is told that it goes on.
     pub fn solve(
         &mut self,
         engine: &Engine,
         medium: &Medium,
         dims: [usize; 3],
-        (map, cell_map): (&[u32], &Image),
+        (wanted, cell_map): (&[u32], &Image),
         (sums, directions): ([&Image; 4], u32),
         tell: &mut dyn FnMut() -> Result<()>,
     ) -> Result<()> {
         let device = &engine.device;
-        let count = map.len() as u32;
-        let cells = device.buffer_from("wanted cells", map)?;
-        let rows = device.buffer::<f32>("rows", 27 * map.len())?;
-        let vectors = |name| device.buffer::<[f32; 4]>(name, map.len());
-        let (side, a, b, moves) = (vectors("side")?, vectors("solution")?, vectors("other solution")?, vectors("moves")?);
+        let count = self.read.len();
+        let wanted_cells = device.buffer_from("wanted cells", wanted)?;
+        let rows = device.buffer::<f32>("rows", 27 * count)?;
+        let side = device.buffer::<f32>("side", (self.bands * self.bands) as usize * count)?;
+        let vectors = |name| device.buffer::<[f32; 4]>(name, count);
+        let (a, b, moves) = (vectors("solution")?, vectors("other solution")?, vectors("moves")?);
         let equations = Equations {
             dims,
-            cells: &cells,
-            count,
+            cells: &device.buffer_from("cells that are read", &self.read)?,
+            count: count as u32,
             boxes: &self.lookup,
+            places: &self.places,
             rows: &rows,
             side: &side,
             solutions: [&a, &b],
@@ -172,48 +186,100 @@ impl Fit {
             directions,
         };
         let mut rec = device.record()?;
-        // Fresh, and read in turns with being written from here on.
-        rec.barrier(&[&rows, &side, &a, &b, &moves].map(|b| b.all().from(Access::None).to(Access::ComputeReadWrite)));
+        // Fresh: the rows are written next.
+        rec.barrier(&[&rows, &side].map(|b| b.all().from(Access::None).to(Access::ComputeWrite)));
+        rec.barrier(&[&a, &b, &moves].map(|b| b.all().from(Access::None).to(Access::ComputeReadWrite)));
         rec.barrier(&self.fitted.each_ref().map(|i| i.mip(0).from(Access::ComputeRead).to(Access::ComputeWrite)));
         rec.submit()?;
-        let chunks = |size: u32| (0..count).step_by(size as usize).map(move |first| (first, size.min(count - first)));
-        for group in 0..coefficient_groups(self.bands) {
-            for part in chunks(SET_UP) {
+        let chunks = |all: u32, size: u32| (0..all).step_by(size as usize).map(move |first| (first, size.min(all - first)));
+        for part in chunks(count as u32, SET_UP) {
+            let mut rec = device.record()?;
+            fit::record_rows(&mut rec, medium.grid(), &self.seen(), &equations, part)?;
+            // Parts do not overlap.
+            rec.barrier(&[&rows, &side].map(|b| b.all().from(Access::ComputeWrite).to(Access::ComputeWrite)));
+            rec.submit()?;
+            tell()?;
+        }
+        let mut rec = device.record()?;
+        // The iterations read them.
+        rec.barrier(&[&rows, &side].map(|b| b.all().from(Access::ComputeWrite).to(Access::ComputeRead)));
+        rec.submit()?;
+        for index in 0..coefficient_groups(self.bands) {
+            let group = Group { index: index as u32, cell_map, sums: sums[index], fitted: &self.fitted[index] };
+            for part in chunks(wanted.len() as u32, ITERATED) {
                 let mut rec = device.record()?;
-                if group > 0 && part.0 == 0 {
-                    // The last iterations have read them.
-                    rec.barrier(&[&rows, &side, &a].map(|b| b.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
-                }
-                fit::record_rows(&mut rec, medium.grid(), &self.seen(), &equations, (group as u32, sums[group]), part)?;
-                // Parts do not overlap; the iterations read them.
-                rec.barrier(&[&rows, &side, &a].map(|b| b.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
+                fit::record_start(&mut rec, &equations, &group, &wanted_cells, part)?;
+                // Parts do not overlap; the iterations begin with it.
+                rec.barrier(&[a.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                rec.barrier(&[group.fitted.mip(0).from(Access::ComputeWrite).to(Access::ComputeWrite)]);
                 rec.submit()?;
-                tell()?;
             }
             for step in 0..STEPS {
-                for part in chunks(ITERATED) {
+                for part in chunks(count as u32, ITERATED) {
                     let mut rec = device.record()?;
-                    fit::record_step(&mut rec, cell_map, &equations, (group as u32, sums[group], &self.fitted[group]), step, part)?;
+                    fit::record_step(&mut rec, &equations, &group, step, part)?;
                     // The next iteration reads what this one wrote.
                     rec.barrier(&[&a, &b, &moves].map(|b| b.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
-                    rec.barrier(&[self.fitted[group].mip(0).from(Access::ComputeWrite).to(Access::ComputeWrite)]);
+                    rec.barrier(&[group.fitted.mip(0).from(Access::ComputeWrite).to(Access::ComputeWrite)]);
                     rec.submit()?;
                 }
                 tell()?;
             }
         }
         let mut rec = device.record()?;
-        // What was found is read next.
+        // What was found is read next, and further directions add to what points see.
+        rec.barrier(&[self.sums.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
         rec.barrier(&self.fitted.each_ref().map(|i| i.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)));
-        rec.submit()?;
-        self.solved = true;
-        Ok(())
+        rec.submit()
     }
+}
 
-    /// Places in voxels and weights, and sums of V·Y (bands² × points, coefficient after coefficient): for tests.
-    pub fn read(&self, engine: &Engine) -> Result<(Vec<[f32; 4]>, Vec<f32>)> {
-        let count = (self.boxes * self.per_box) as usize;
-        let kept = (self.bands * self.bands) as usize;
-        Ok((engine.device.read(&self.points, count)?, engine.device.read(&self.sums, kept * count)?))
+/// The points of a fitted field, and what they see: for tests and charts.
+pub struct Points {
+    /// Places, voxels.
+    pub places: Vec<[f32; 3]>,
+    /// How much the opacity that a point stands for exceeds its chance.
+    pub weights: Vec<f32>,
+    /// Coefficients of what is seen there, 0 beyond the bands.
+    pub seen: Vec<[f32; 16]>,
+}
+
+impl Engine {
+    /// The points that the field of `settings` is fitted to; none without matter or [`Visibility::fit`].
+    ///
+    /// # Errors
+    /// As [`Engine::estimate`].
+    pub fn fit_points(&self, medium: &Medium, settings: &Visibility, progress: &mut Progress) -> Result<Points> {
+        let map = self.cell_map(medium, settings, &[])?;
+        let cost = super::budget::Cost { kept: 0, ..self.cost(medium.grid(), settings, &map)? };
+        let share = self.admitted("the fit", 0, &cost, |_| "take a coarser ratio, or allow more memory".into())?;
+        let mut sweeper = Sweeper::new(self, medium, settings, &map, share.ring)?;
+        sweeper.pass(&sweep::rays(settings.directions, medium.grid()), &mut telling(settings, progress))?;
+        let Some(fit) = &sweeper.fit else { return Ok(Points { places: Vec::new(), weights: Vec::new(), seen: Vec::new() }) };
+        let (count, kept) = ((fit.boxes * fit.per_box) as usize, settings.coefficients());
+        let points: Vec<[f32; 4]> = self.device.read(&fit.points, count)?;
+        let sums: Vec<f32> = self.device.read(&fit.sums, kept * count)?;
+        let weight = 4.0 * std::f32::consts::PI / settings.directions as f32;
+        let seen = |i: usize| std::array::from_fn(|c| if c < kept { weight * sums[c * count + i] } else { 0.0 });
+        Ok(Points {
+            places: points.iter().map(|p| [p[0], p[1], p[2]]).collect(),
+            weights: points.iter().map(|p| p[3]).collect(),
+            seen: (0..count).map(seen).collect(),
+        })
     }
+}
+
+/// The cells of a field of `dims` that stand around `cells`, and these, ascending.
+fn around(cells: &[u32], dims: [usize; 3]) -> Vec<u32> {
+    let mut near = vec![false; dims.iter().product()];
+    for &cell in cells {
+        let c = cell as usize;
+        let at = [c % dims[0], c / dims[0] % dims[1], c / dims[0] / dims[1]];
+        let [x, y, z] = std::array::from_fn(|a| at[a].saturating_sub(1)..=(at[a] + 1).min(dims[a] - 1));
+        for (z, y) in z.flat_map(|z| y.clone().map(move |y| (z, y))) {
+            let row = dims[0] * (y + dims[1] * z);
+            near[row + x.start()..=row + x.end()].fill(true);
+        }
+    }
+    (0..near.len() as u32).filter(|&c| near[c as usize]).collect()
 }

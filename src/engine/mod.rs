@@ -29,6 +29,7 @@ pub use aov::{Behind, LAYERS, layer_channels, surface_layers};
 pub use budget::{Need, precompute_memory};
 pub use cost::Cost;
 pub use field::Field;
+pub use fit::Points as FitPoints;
 pub use occupancy::Occupancy;
 pub use precompute::Pass;
 pub use reference::{Reference, ReferenceSettings};

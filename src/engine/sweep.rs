@@ -73,7 +73,7 @@ pub(super) struct Sweeper<'a> {
     /// Sums of V·Y of the wanted cells; readable between passes.
     pub sums: [Image; 4],
     /// The points that the cells are fitted to, if they are.
-    fit: Option<Fit>,
+    pub fit: Option<Fit>,
     /// Linear indices of the wanted cells, for the fit.
     wanted_cells: Vec<u32>,
     /// Directions swept so far.
@@ -264,10 +264,5 @@ impl<'a> Sweeper<'a> {
     /// What the swept cells are: fitted to what is read between them, or their own sums; readable.
     pub fn result(&self) -> [&Image; 4] {
         self.fit.as_ref().map_or(self.sums.each_ref(), |fit| fit.fitted.each_ref())
-    }
-
-    /// The points of the fit and what they have seen, if it has any.
-    pub fn points(&self) -> Result<Option<(Vec<[f32; 4]>, Vec<f32>)>> {
-        self.fit.as_ref().map(|fit| fit.read(self.engine)).transpose()
     }
 }

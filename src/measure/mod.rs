@@ -12,6 +12,7 @@ pub mod flip;
 mod frame;
 mod picture;
 mod probes;
+pub(crate) mod reading;
 mod report;
 
 pub use field::{Errors, FieldError, errors, field_error};

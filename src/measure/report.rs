@@ -1,6 +1,8 @@
-//! The measured error of a computed field: before packing and after it, whole and by band, within a budget of time.
+//! The measured error of a computed field: before packing and after it, whole and by band, within a budget of time. A field
+//! holds what is seen from its cells' centres and is measured there; one that is fitted to what pictures read between cells
+//! ([`Visibility::fit`]) is measured as they read it: at voxels of matter, trilinearly, each by the opacity that is seen.
 
-use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near_matter, reference};
+use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near_matter, reading, reference};
 use crate::engine::{Engine, Field, Medium, Progress};
 use crate::error::{Error, Result};
 use crate::scene::visibility::Method;
@@ -35,8 +37,12 @@ impl Default for Budget {
 /// What is going to be measured, and about how long it takes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Cells to measure, ascending; none where there is no matter.
+    /// Cells to measure, ascending; none where there is no matter, and none of a fitted field.
     pub cells: Vec<u32>,
+    /// Voxels of matter at which it is measured as pictures read it, ascending; none of an isosurface.
+    pub voxels: Vec<u32>,
+    /// The voxels' opacities, 0..1.
+    pub opacities: Vec<f32>,
     /// Seconds of device time that the reference will take, by a pilot.
     pub seconds: f64,
     /// Whether the error before packing is measured too.
@@ -48,8 +54,15 @@ pub struct Plan {
 /// The measured error of a field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Cells that were measured.
+    /// Cells that were measured; of a fitted field voxels of matter.
     pub probes: usize,
+    /// Whether the field is fitted: `after` is its error as pictures read it, at voxels of matter.
+    #[serde(default)]
+    pub fitted: bool,
+    /// The error as pictures read the field, over 16 coefficients: at voxels of matter, trilinearly, each by its opacity and
+    /// the share of the sky that it sees. Of a medium.
+    #[serde(default)]
+    pub read: Option<super::FieldError>,
     /// Directions of the reference.
     pub directions: u32,
     /// Step of the reference, voxels.
@@ -73,12 +86,19 @@ impl Plan {
     /// # Errors
     /// As [`Engine::estimate`].
     pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
-        let mut cells = draw(near_matter(engine, volume, medium, settings.ratio)?, PROBES[0], super::probes::SEED);
+        let fitted = settings.fit > 0;
+        let mut voxels = if medium.has_surface() { Vec::new() } else { reading::points(volume, medium, PROBES[0]) };
+        voxels = draw(voxels, PROBES[0], super::probes::SEED);
+        let mut cells = match fitted {
+            true => voxels.clone(),
+            false => draw(near_matter(engine, volume, medium, settings.ratio)?, PROBES[0], super::probes::SEED),
+        };
+        let ratio = if fitted { 1 } else { settings.ratio };
         let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
         let mut pilot = |directions, cells: &[u32]| {
             let start = Instant::now();
             engine.take_timings();
-            engine.estimate(medium, &dense(settings.ratio, directions), cells, &mut quiet)?;
+            engine.estimate(medium, &dense(ratio, directions), cells, &mut quiet)?;
             Ok(seconds(engine, start))
         };
         let mut seconds = 0.0;
@@ -87,15 +107,26 @@ impl Plan {
             pilot(1, &[*first])?;
             seconds = pilot(PILOT_DIRECTIONS, &cells)? * f64::from(REFERENCE_DIRECTIONS / PILOT_DIRECTIONS);
         }
+        // Beside cells, a quarter as many voxels.
+        voxels.truncate(if fitted { voxels.len() } else { cells.len() / 4 });
+        seconds *= if fitted { 1.0 } else { 1.0 + voxels.len() as f64 / cells.len().max(1) as f64 };
         let count = affordable(cells.len(), seconds, budget.seconds);
         if count < cells.len() {
             seconds *= count as f64 / cells.len() as f64;
             cells.truncate(count);
+            voxels.truncate(if fitted { count } else { count / 4 });
         }
         cells.sort_unstable();
+        voxels.sort_unstable();
+        if fitted {
+            cells.clear();
+        }
         // Floats are stored as they are: there is nothing to run again.
-        let again = if settings.method == Method::Sweep && settings.bits != 32 { budget.field_seconds } else { None };
-        Ok(Self { cells, seconds, before: again.is_none_or(|s| s <= budget.seconds), again: again.filter(|&s| s <= budget.seconds) })
+        let again = if settings.method == Method::Sweep && settings.bits != 32 && !fitted { budget.field_seconds } else { None };
+        // Between cells only the whole field, as it is stored, can be read.
+        let before = again.is_none_or(|s| s <= budget.seconds) && !(fitted && settings.bits != 32);
+        let opacities = reading::opacities(volume, medium, &voxels);
+        Ok(Self { cells, voxels, opacities, seconds, before, again: again.filter(|&s| s <= budget.seconds) })
     }
 }
 
@@ -103,15 +134,17 @@ impl Report {
     /// The keys of [`Report::meta`]: one line for people, one object for programs.
     pub const KEYS: [&str; 2] = ["error", "error_json"];
 
-    /// Measures `field` at the plan's cells. `kept` is what [`Engine::read_field`] gave: the field as the renderers see
-    /// it. Takes the engine's timings.
+    /// Measures `field` at the plan's cells or voxels. `kept` is what [`Engine::read_field`] gave: the field as the renderers
+    /// see it. Takes the engine's timings.
     ///
     /// # Errors
     /// [`Error::Invalid`] where `kept` is not of this field; otherwise as [`Engine::estimate`].
     pub fn measure(engine: &Engine, medium: &Medium, field: &Field, kept: &[f32], plan: &Plan, progress: &mut Progress) -> Result<Self> {
         let settings = field.settings();
         let (coefficients, count) = (settings.coefficients(), field.dims().iter().product::<usize>());
-        if kept.len() != coefficients * count || plan.cells.last().is_some_and(|&c| c as usize >= count) {
+        let n = medium.grid().dims();
+        let outside = |of: &[u32], most: usize| of.last().is_some_and(|&c| c as usize >= most);
+        if kept.len() != coefficients * count || outside(&plan.cells, count) || outside(&plan.voxels, n.iter().product()) {
             return Err(Error::Invalid {
                 item: "measured field",
                 what: format!("{} numbers, and cells up to {}", kept.len(), plan.cells.last().copied().unwrap_or(0)),
@@ -120,15 +153,29 @@ impl Report {
         }
         let start = Instant::now();
         engine.take_timings();
-        let truth = reference(engine, medium, settings.ratio, &plan.cells, &mut |stage, f| progress(stage, 0.9 * f))?;
-        let after: Vec<[f32; 16]> = plan.cells.iter().map(|&cell| of_cell(kept, coefficients, cell)).collect();
+        let of = |cell: u32| of_cell(kept, coefficients, cell);
+        let mut truth = reference(engine, medium, 1, &plan.voxels, &mut |stage, f| progress(stage, 0.2 * f))?;
+        let mut after: Vec<_> = plan.voxels.iter().map(|&voxel| reading::read(voxel, n, field.dims(), of)).collect();
+        for ((opacity, truth), read) in plan.opacities.iter().zip(&mut truth).zip(&mut after) {
+            let root = (opacity * truth[0].max(0.0)).sqrt();
+            *truth = truth.map(|c| root * c);
+            *read = read.map(|c| root * c);
+        }
+        let read = (!plan.voxels.is_empty()).then(|| errors(&after, &truth, settings.bands).all);
+        let fitted = settings.fit > 0;
+        if !fitted {
+            truth = reference(engine, medium, settings.ratio, &plan.cells, &mut |stage, f| progress(stage, 0.2 + 0.7 * f))?;
+            after = plan.cells.iter().map(|&cell| of(cell)).collect();
+        }
         let before = match (settings.bits, plan.before) {
             (32, _) => Some(after.clone()),
             (_, true) => Some(engine.estimate(medium, settings, &plan.cells, &mut |stage, f| progress(stage, 0.9 + 0.1 * f))?),
             (_, false) => None,
         };
         Ok(Self {
-            probes: plan.cells.len(),
+            probes: truth.len(),
+            fitted,
+            read,
             directions: REFERENCE_DIRECTIONS,
             step: REFERENCE_STEP,
             bands: settings.bands,
@@ -158,15 +205,25 @@ impl Report {
         }
         let figure = |e: &Errors| format!("{:.4} [{:.4}, {:.4}]", e.all.relative_l2, e.all.interval[0], e.all.interval[1]);
         let before = self.before.as_ref().map_or_else(|| "not measured".into(), figure);
+        let between = match self.read.filter(|_| !self.fitted) {
+            Some(e) => format!("; {:.4} as pictures read it, at voxels of matter between the cells", e.relative_l2),
+            None => String::new(),
+        };
         format!(
-            "{before} before packing, {} after {} bits; relative L2 over 16 coefficients with its 95 % interval, {} probes near matter \
-             against {} directions in steps of {} voxel",
+            "{before} before packing, {} after {} bits; relative L2 over 16 coefficients with its 95 % interval, {} {} against {} directions \
+             in steps of {} voxel{between}",
             figure(&self.after),
             self.bits,
             self.probes,
+            self.of(),
             self.directions,
             self.step
         )
+    }
+
+    /// Where it was measured.
+    pub fn of(&self) -> &'static str {
+        if self.fitted { "voxels of matter, as pictures read them," } else { "probes near matter" }
     }
 
     /// A small table: a row per band, one over what is kept where that is less, one over all.
@@ -191,6 +248,10 @@ impl Report {
             row(format!("{} coefficients", self.bands * self.bands), &|e| e.kept);
         }
         row("16 coefficients".into(), &|e| e.all);
+        if let Some(e) = self.read.filter(|_| !self.fitted) {
+            let figure = format!("{:.4} [{:.4}, {:.4}]", e.relative_l2, e.interval[0], e.interval[1]);
+            lines.push(format!("  {:<16} {:<25} {figure}", "as pictures read", "between cells:"));
+        }
         lines
     }
 }

@@ -10,20 +10,21 @@
 //! Chebyshev's semi-iteration, which need no sums over the whole field, solve it.
 
 use super::sweep;
-use super::{MediumView, cell_size, dims_f32, dims_u32};
+use super::{MediumView, cell_size, dims_f32, dims_u32, twin};
 use crate::error::Result;
-use crate::kernels::{fit_points, fit_rows, fit_see, fit_step};
-use crate::scene::Grid;
+use crate::kernels::{fit_points, fit_rows, fit_see, fit_start, fit_step};
+use crate::scene::transfer::Table;
+use crate::scene::{Grid, Volume};
 use crate::vk::{Buffer, Image, Recorder};
 
 /// How much the values at the centres count beside what points say.
 pub const LAMBDA: f32 = 0.02;
 
 /// The bounds between which the iteration damps evenly; what lies below, the points hardly tell.
-const SPECTRUM: [f64; 2] = [0.06, 1.0];
+const SPECTRUM: [f64; 2] = [0.08, 1.0];
 
 /// Iterations.
-pub const STEPS: usize = 12;
+pub const STEPS: usize = 8;
 
 /// Mean of Y_00·V over directions to the share of the sky.
 const Y00: f32 = 0.282_094_8;
@@ -120,23 +121,25 @@ pub fn record_see(
     )
 }
 
-/// What is solved: the wanted cells' equations for four coefficients.
+/// What is solved: the equations of the cells that points read.
 pub struct Equations<'a> {
     /// Cells of the field.
     pub dims: [usize; 3],
-    /// Linear indices of the wanted cells, ascending, as their slots are.
+    /// Linear indices of those that points read.
     pub cells: &'a Buffer,
     /// How many.
     pub count: u32,
     /// Per cell of the field its box + 1, or 0.
     pub boxes: &'a Buffer,
-    /// 27 × cells.
+    /// Per cell of the field its equation + 1, or 0.
+    pub places: &'a Buffer,
+    /// 27 × equations, f32.
     pub rows: &'a Buffer,
-    /// vec4 per cell.
+    /// bands² × equations, f32.
     pub side: &'a Buffer,
-    /// vec4 per cell, read and written in turns.
+    /// vec4 per equation, read and written in turns.
     pub solutions: [&'a Buffer; 2],
-    /// vec4 per cell.
+    /// vec4 per equation.
     pub moves: &'a Buffer,
     /// SH bands.
     pub bands: u32,
@@ -144,30 +147,33 @@ pub struct Equations<'a> {
     pub directions: u32,
 }
 
-/// Records the equations of `count` cells from `first` on, for coefficients 4·group on; the rows with the first group.
+/// Coefficients 4·index .. of the swept cells: their slots, their own sums, and where what is found goes.
+pub struct Group<'a> {
+    /// Which four.
+    pub index: u32,
+    /// Slots of the cells.
+    pub cell_map: &'a Image,
+    /// rgba32f, slot by slot.
+    pub sums: &'a Image,
+    /// The same.
+    pub fitted: &'a Image,
+}
+
+/// Records the equations of `count` cells from `first` on.
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record_rows(
-    rec: &mut Recorder,
-    grid: &Grid,
-    seen: &Seen,
-    equations: &Equations,
-    (group, sums): (u32, &Image),
-    (first, count): (u32, u32),
-) -> Result<()> {
+pub fn record_rows(rec: &mut Recorder, grid: &Grid, seen: &Seen, equations: &Equations, (first, count): (u32, u32)) -> Result<()> {
     rec.dispatch(
         &fit_rows::Bindings {
             cells: equations.cells,
             boxes: equations.boxes,
             points: seen.points,
             seen: seen.sums,
-            sums: sums.sampled(),
             rows: equations.rows,
             side: equations.side,
-            solution: equations.solutions[0],
         },
-        &fit_rows::Spec { rows: group == 0 },
+        &fit_rows::Spec { bands: equations.bands },
         &fit_rows::Params {
             cell_size: cell_size(grid, equations.dims),
             first_cell: first,
@@ -176,10 +182,27 @@ pub fn record_rows(
             cell_count: equations.count,
             point_count: seen.per_box,
             capacity: seen.boxes * seen.per_box,
-            coefficient: 4 * group,
-            kept: equations.bands * equations.bands,
             mean: 1.0 / (equations.directions as f32 * Y00),
         },
+        [count, 1, 1],
+    )
+}
+
+/// Records what the iteration of a group begins with, for `count` slots from `first` on of the cells `wanted`.
+///
+/// # Errors
+/// What the recorder refuses.
+pub fn record_start(rec: &mut Recorder, equations: &Equations, group: &Group, wanted: &Buffer, (first, count): (u32, u32)) -> Result<()> {
+    rec.dispatch(
+        &fit_start::Bindings {
+            wanted,
+            places: equations.places,
+            sums: group.sums.sampled(),
+            solution: equations.solutions[0],
+            fitted: group.fitted.storage(0),
+        },
+        &(),
+        &fit_start::Params { first_slot: first, count },
         [count, 1, 1],
     )
 }
@@ -205,26 +228,20 @@ fn weights() -> [(f32, f32); STEPS] {
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record_step(
-    rec: &mut Recorder,
-    cell_map: &Image,
-    equations: &Equations,
-    (group, sums, fitted): (u32, &Image, &Image),
-    step: usize,
-    (first, count): (u32, u32),
-) -> Result<()> {
+pub fn record_step(rec: &mut Recorder, equations: &Equations, group: &Group, step: usize, (first, count): (u32, u32)) -> Result<()> {
     let (keep, add) = weights()[step];
     rec.dispatch(
         &fit_step::Bindings {
             cells: equations.cells,
-            cell_map: cell_map.sampled().as_nearest(),
+            places: equations.places,
             rows: equations.rows,
             side: equations.side,
-            sums: sums.sampled(),
+            cell_map: group.cell_map.sampled().as_nearest(),
+            sums: group.sums.sampled(),
             before: equations.solutions[step % 2],
             after: equations.solutions[1 - step % 2],
             moves: equations.moves,
-            fitted: fitted.storage(0),
+            fitted: group.fitted.storage(0),
         },
         &fit_step::Spec { last: step + 1 == STEPS },
         &fit_step::Params {
@@ -232,7 +249,8 @@ pub fn record_step(
             first_cell: first,
             count,
             cell_count: equations.count,
-            coefficient: 4 * group,
+            coefficient: 4 * group.index,
+            kept: equations.bands * equations.bands,
             keep,
             add,
             lambda: LAMBDA,
@@ -241,3 +259,96 @@ pub fn record_step(
         [count, 1, 1],
     )
 }
+
+/// The twin of [`record_see`], beside the twin of the sweep: sums of V·Y, 16 for each of the places `points` in voxels.
+pub fn reference_seen(
+    volume: &Volume,
+    table: &Table,
+    dims: [usize; 3],
+    rays: &[sweep::Ray],
+    settings: sweep::Settings,
+    points: &[[f32; 3]],
+    clip: &[[f32; 4]],
+) -> Vec<[f32; 16]> {
+    let size = cell_size(volume.grid(), dims);
+    let mut out = vec![[0f32; 16]; points.len()];
+    sweep::each_slice(volume, table, dims, rays, settings, clip, &mut |ray, group, swept| {
+        let (a, [b, c]) = (group.axis, sweep::plane(group.axis));
+        let order = swept.len() - 1;
+        let index = group.slice(order, dims[a]);
+        let d = [ray.voxel[0], ray.voxel[1], ray.voxel[2]];
+        let reach = (settings.near as f32 + 0.5) * size[a] / d[a].abs();
+        for (&x, sums) in points.iter().zip(&mut out).filter(|(x, _)| ((x[a] / size[a]) as usize).min(dims[a] - 1) == index) {
+            let further = if group.rising { settings.near as f32 } else { -(settings.near as f32) };
+            let t = ((index as f32 + further + 0.5) * size[a] - x[a]) / d[a];
+            let end = twin::exit_distance(x, d, volume.grid().dims());
+            let mut v = (-sweep::depth(volume, table, clip, (x, d), t.min(end), reach, settings.step_length)).exp();
+            if t < end {
+                let at = [b, c].map(|k| (x[k] + d[k] * t) / size[k] - 0.5);
+                v *= sweep::read(&swept[order - settings.near as usize], [dims[b], dims[c]], at);
+            }
+            for (s, y) in sums.iter_mut().zip(ray.basis()) {
+                *s += v * y;
+            }
+        }
+    });
+    out
+}
+
+/// What the fit makes least, of one coefficient: Σ w (Σ φ_c x_c − v)² + λ Σ D_c (x_c − x⁰_c)². `points`: places in cells from the
+/// first cell's centre, w and v.
+pub fn objective(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own: &[f64], x: &[f64]) -> f64 {
+    let mut weight = vec![0f64; own.len()];
+    let mut sum = 0.0;
+    for (q, w, v) in points {
+        let corners = corners(dims, *q);
+        let read: f64 = corners.iter().map(|&(c, phi)| phi * x[c]).sum();
+        sum += w * (read - v) * (read - v);
+        corners.iter().for_each(|&(c, phi)| weight[c] += w * phi);
+    }
+    sum + (0..own.len()).map(|c| f64::from(LAMBDA) * weight[c] * (x[c] - own[c]).powi(2)).sum::<f64>()
+}
+
+/// The twin of the solver: what makes [`objective`] least, by Gauss-Seidel to convergence. Cells that no point reads stay.
+pub fn reference_solution(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own: &[f64]) -> Vec<f64> {
+    let corners: Vec<_> = points.iter().map(|(q, ..)| corners(dims, *q)).collect();
+    let mut readers = vec![Vec::new(); own.len()];
+    for (i, of) in corners.iter().enumerate() {
+        of.iter().for_each(|&(c, phi)| readers[c].push((i, phi)));
+    }
+    let mut x = own.to_vec();
+    let mut rest: Vec<f64> = points.iter().zip(&corners).map(|((_, _, v), of)| v - of.iter().map(|&(c, phi)| phi * x[c]).sum::<f64>()).collect();
+    for _ in 0..2000 {
+        for c in 0..x.len() {
+            let (mut up, mut down, mut weight) = (0.0, 0.0, 0.0);
+            for &(i, phi) in &readers[c] {
+                let w = points[i].1;
+                up += w * phi * rest[i];
+                down += w * phi * phi;
+                weight += w * phi;
+            }
+            let lambda = f64::from(LAMBDA) * weight;
+            if down > 0.0 {
+                let step = (up + lambda * (own[c] - x[c])) / (down + lambda);
+                x[c] += step;
+                readers[c].iter().for_each(|&(i, phi)| rest[i] -= phi * step);
+            }
+        }
+    }
+    x
+}
+
+/// The cells around a place, counted in cells from the first's centre, and their trilinear weights.
+fn corners(dims: [usize; 3], q: [f32; 3]) -> Vec<(usize, f64)> {
+    let q: [f64; 3] = std::array::from_fn(|a| f64::from(q[a]).clamp(0.0, (dims[a] - 1) as f64));
+    let weight = |i: usize, a: usize| {
+        let f = q[a] - q[a].floor();
+        if i >> a & 1 == 1 { f } else { 1.0 - f }
+    };
+    let place = |i: usize, a: usize| (q[a] as usize + (i >> a & 1)).min(dims[a] - 1);
+    (0..8)
+        .map(|i| (place(i, 0) + dims[0] * (place(i, 1) + dims[1] * place(i, 2)), weight(i, 0) * weight(i, 1) * weight(i, 2)))
+        .filter(|(_, w)| *w > 0.0)
+        .collect()
+}
+

@@ -81,6 +81,20 @@ pub struct Group {
     pub count: u32,
 }
 
+impl Group {
+    /// The slice that is swept after `order` others, of `slices`.
+    pub fn slice(&self, order: usize, slices: usize) -> usize {
+        if self.rising { slices - 1 - order } else { order }
+    }
+}
+
+impl Ray {
+    /// Its harmonics.
+    pub fn basis(&self) -> [f32; 16] {
+        sh::basis(DVec3::new(self.world[0].into(), self.world[1].into(), self.world[2].into())).map(|y| y as f32)
+    }
+}
+
 /// Sorts directions by major axis and sign, measured in cells, and says where each group stands.
 pub fn groups(rays: &mut [Ray], cell_size: [f32; 3]) -> Vec<Group> {
     let key = |d: &Ray| -> (usize, bool) {
@@ -248,57 +262,87 @@ pub fn reference_clipped(
     settings: Settings,
     clip: &[[f32; 4]],
 ) -> Vec<[f32; 16]> {
-    let grid = volume.grid();
-    let size = cell_size(grid, field_dims);
-    let mut set = rays.to_vec();
     let mut out = vec![[0f32; 16]; field_dims.iter().product()];
+    each_slice(volume, table, field_dims, rays, settings, clip, &mut |ray, group, swept| {
+        let basis = ray.basis();
+        let (a, [b, c]) = (group.axis, plane(group.axis));
+        for (k, v) in swept.last().into_iter().flatten().enumerate() {
+            let mut cell = [0; 3];
+            (cell[a], cell[b], cell[c]) = (group.slice(swept.len() - 1, field_dims[a]), k % field_dims[b], k / field_dims[b]);
+            let sums = &mut out[cell[0] + field_dims[0] * (cell[1] + field_dims[1] * cell[2])];
+            for (s, y) in sums.iter_mut().zip(basis) {
+                *s += v * y;
+            }
+        }
+    });
+    let weight = 4.0 * std::f32::consts::PI / rays.len() as f32;
+    out.iter().map(|s| s.map(|s| s * weight)).collect()
+}
+
+/// What is given the slices of a direction swept so far, the one where the rays leave first.
+type Visit<'a> = dyn FnMut(&Ray, &Group, &[Vec<f32>]) + 'a;
+
+/// The twin's slices: `visit` is called after each.
+pub fn each_slice(
+    volume: &Volume,
+    table: &Table,
+    field_dims: [usize; 3],
+    rays: &[Ray],
+    settings: Settings,
+    clip: &[[f32; 4]],
+    visit: &mut Visit,
+) {
+    let size = cell_size(volume.grid(), field_dims);
+    let mut set = rays.to_vec();
     for group in groups(&mut set, size) {
         let (a, [b, c]) = (group.axis, plane(group.axis));
         let [width, height] = [field_dims[b], field_dims[c]];
-        for d in &set[group.first as usize..(group.first + group.count) as usize] {
-            let basis = sh::basis(DVec3::new(d.world[0].into(), d.world[1].into(), d.world[2].into()));
-            let dir = [d.voxel[0], d.voxel[1], d.voxel[2]];
-            let ds = size[a] / dir[a].abs();
-            let shift = [dir[b] / size[b] * ds, dir[c] / size[c] * ds];
-            // Swept slices, the one where the rays leave first.
+        for ray in &set[group.first as usize..(group.first + group.count) as usize] {
+            let dir = [ray.voxel[0], ray.voxel[1], ray.voxel[2]];
+            let reach = settings.near as f32 * size[a] / dir[a].abs();
             let mut swept: Vec<Vec<f32>> = Vec::new();
             for order in 0..field_dims[a] {
-                let index = if group.rising { field_dims[a] - 1 - order } else { order };
                 let mut slice = vec![0f32; width * height];
                 for (i, j) in (0..height).flat_map(|j| (0..width).map(move |i| (i, j))) {
                     let mut cell = [0; 3];
-                    (cell[a], cell[b], cell[c]) = (index, i, j);
+                    (cell[a], cell[b], cell[c]) = (group.slice(order, field_dims[a]), i, j);
                     let x: [f32; 3] = std::array::from_fn(|k| (cell[k] as f32 + 0.5) * size[k]);
-                    let end = twin::exit_distance(x, dir, grid.dims());
-                    // Even steps, as many as the way to the slice takes, also where the volume ends before it.
-                    let reach = settings.near as f32 * ds;
-                    let n = (reach / settings.step_length as f32 - 1e-3).ceil().max(1.0);
-                    let (from, to) = twin::clip_span(clip, x, dir, (0.0, reach.min(end)));
-                    let s = (to - from).max(0.0) / n;
-                    let mut depth = 0f32;
-                    for k in 0..n as u32 {
-                        let p = twin::along(x, dir, from + (k as f32 + 0.5) * s);
-                        depth += s * twin::extinction(table, twin::sample(volume, p));
-                    }
+                    let end = twin::exit_distance(x, dir, volume.grid().dims());
+                    let depth = depth(volume, table, clip, (x, dir), reach.min(end), reach, settings.step_length);
                     let mut beyond = 1.0;
                     if reach < end {
-                        let p = [i as f32 + settings.near as f32 * shift[0], j as f32 + settings.near as f32 * shift[1]];
-                        let read = |q: [usize; 3]| swept[order - settings.near as usize][q[0] + width * q[1]];
-                        let value = twin::trilinear([width, height, 1], [p[0] + 0.5, p[1] + 0.5, 0.5], read);
-                        // Beyond the last cell centre T rises to 1 at the wall, half a cell off.
-                        let inside = |p: f32, n: usize| 1.0 - (2.0 * (-p).max(p - (n - 1) as f32)).clamp(0.0, 1.0);
-                        beyond = 1.0 + (value - 1.0) * inside(p[0], width) * inside(p[1], height);
+                        let at = [dir[b] / size[b], dir[c] / size[c]].map(|d| d * reach);
+                        beyond = read(&swept[order - settings.near as usize], [width, height], [i as f32 + at[0], j as f32 + at[1]]);
                     }
                     slice[i + width * j] = (-depth).exp() * beyond;
-                    let sums = &mut out[cell[0] + field_dims[0] * (cell[1] + field_dims[1] * cell[2])];
-                    for (s, y) in sums.iter_mut().zip(basis) {
-                        *s += slice[i + width * j] * y as f32;
-                    }
                 }
                 swept.push(slice);
+                visit(ray, &group, &swept);
             }
         }
     }
-    let weight = 4.0 * std::f32::consts::PI / rays.len() as f32;
-    out.iter().map(|s| s.map(|s| s * weight)).collect()
+}
+
+/// Optical depth from x along d up to distance b, in even steps, as many as a way of `reach` takes.
+pub(super) fn depth(
+    volume: &Volume,
+    table: &Table,
+    clip: &[[f32; 4]],
+    (x, d): ([f32; 3], [f32; 3]),
+    b: f32,
+    reach: f32,
+    step_length: f64,
+) -> f32 {
+    let n = (reach / step_length as f32 - 1e-3).ceil().max(1.0);
+    let (from, to) = twin::clip_span(clip, x, d, (0.0, b));
+    let s = (to - from).max(0.0) / n;
+    (0..n as u32).map(|k| s * twin::extinction(table, twin::sample(volume, twin::along(x, d, from + (k as f32 + 0.5) * s)))).sum()
+}
+
+/// T of a slice at a place counted in cells from the first's centre; beyond the last cell centre it rises to 1 at the wall,
+/// half a cell off.
+pub(super) fn read(slice: &[f32], [width, height]: [usize; 2], p: [f32; 2]) -> f32 {
+    let value = twin::trilinear([width, height, 1], [p[0] + 0.5, p[1] + 0.5, 0.5], |q| slice[q[0] + width * q[1]]);
+    let inside = |p: f32, n: usize| 1.0 - (2.0 * (-p).max(p - (n - 1) as f32)).clamp(0.0, 1.0);
+    1.0 + (value - 1.0) * inside(p[0], width) * inside(p[1], height)
 }
