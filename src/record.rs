@@ -114,6 +114,14 @@ impl Record {
     }
 }
 
+/// `benches/records` of the checkout of this crate that `inside` lies in; it is never made.
+pub fn folder(inside: &Path) -> Option<PathBuf> {
+    let named = |text: String| toml::from_str::<toml::Table>(&text).ok()?.get("package")?.get("name")?.as_str().map(str::to_owned);
+    let ours = |root: &&Path| std::fs::read_to_string(root.join("Cargo.toml")).ok().and_then(named).as_deref() == Some("halflight");
+    let records = inside.ancestors().find(ours)?.join("benches/records");
+    records.is_dir().then_some(records)
+}
+
 /// "llvmpipe (LLVM 15.0.6, 256 bits)" → "llvmpipe-llvm-15.0.6-256-bits".
 fn slug(text: &str) -> String {
     let plain: String = text.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c.to_ascii_lowercase() } else { ' ' }).collect();
@@ -204,6 +212,22 @@ mod tests {
         );
         // A file where the folder should be is an error, not a panic.
         assert!(r.write(&path).is_err());
+    }
+
+    #[test]
+    fn records_lie_in_the_checkout_and_nowhere_else() {
+        let here = tempfile::tempdir().unwrap();
+        let (root, below) = (here.path(), here.path().join("a/b"));
+        std::fs::create_dir_all(&below).unwrap();
+        assert_eq!(folder(&below), None);
+        // Another project's folder of that name is not ours, and ours without one is left without.
+        std::fs::create_dir_all(root.join("benches/records")).unwrap();
+        for (text, ours) in [("[package]\nname = \"other\"", false), ("no toml", false), ("[package]\nname = \"halflight\"", true)] {
+            std::fs::write(root.join("Cargo.toml"), text).unwrap();
+            assert_eq!(folder(&below), ours.then(|| root.join("benches/records")), "{text}");
+        }
+        std::fs::remove_dir(root.join("benches/records")).unwrap();
+        assert_eq!((folder(&below), root.join("benches/records").exists()), (None, false));
     }
 
     #[test]

@@ -160,7 +160,6 @@ pub fn command() -> Command {
                         .value_parser(parse_seconds)
                         .help("time for all scenes together (default: 540, with --quick 48)"),
                 )
-                .arg(path("record", "DIR", "also write a record of the run there, named by date and device").long("record"))
                 .args(scene_args(OF_CHART))
                 .arg(nan_as()),
         )
