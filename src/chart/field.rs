@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Shares of a subject's time: until when its reference, its own ratio's candidates, and the other ratios may run.
-const UNTIL: [f64; 3] = [0.13, 0.4, 1.0];
+const UNTIL: [f64; 3] = [0.13, 0.4, 0.75];
 
 /// Candidates that are measured even when late: without them there is no chart.
 const FIRST: usize = 4;
@@ -180,8 +180,9 @@ impl At<'_> {
         if !late.is_empty() {
             report.left_out.push(format!("1:{}: {}", self.ratio, late.join("; ")));
         }
-        let pairs: Vec<(f64, f64)> = report.fields[from..].iter().map(|p| (p.seconds, p.error)).collect();
-        report.fields[from..].iter_mut().zip(pareto::front(&pairs)).for_each(|(p, front)| p.front = front);
+        // A time that was measured once has no bar.
+        let ranges: Vec<_> = report.fields[from..].iter().map(|p| [p.spread.unwrap_or([p.seconds; 2]), p.interval]).collect();
+        report.fields[from..].iter_mut().zip(pareto::front(&ranges)).for_each(|(p, front)| p.front = front);
         Ok(())
     }
 

@@ -7,12 +7,16 @@ use crate::engine::{Engine, Field, Lit, Medium};
 use crate::error::Result;
 use crate::scene::visibility::{Filter, Method, Sampling};
 use crate::scene::{ImageSettings, Picture, Visibility};
+use std::fmt::Write as _;
 
-/// Shares of a subject's time: until when the dense field, the points, and the pairs of pictures may run.
-const UNTIL: [f64; 3] = [0.6, 0.75, 0.82];
+/// Shares of a subject's time: until when the points, and the pairs of pictures may run.
+const UNTIL: [f64; 2] = [0.55, 0.61];
 
-/// Share of a subject's time that its reference picture gets even when late.
-const SURE: f64 = 0.1;
+/// Share of a subject's time that a pair of pictures gets even when late.
+const SURE: f64 = 0.03;
+
+/// Frames that are timed.
+const FRAMES: usize = 5;
 
 /// Fields that are rendered even when late.
 const FIRST: usize = 1;
@@ -59,11 +63,11 @@ impl<'a> Frames<'a> {
         Ok((picture, seconds(&times)))
     }
 
-    /// The picture and the seconds of three frames, after one that warms up.
+    /// The picture and the seconds of [`FRAMES`] frames, after one that warms up.
     pub fn frame(&self, lit: &Lit, image: &ImageSettings, clock: &mut Clock) -> Result<(Picture, Vec<f64>)> {
         let (picture, _) = self.picture(lit, image, clock)?;
         let mut times = Vec::new();
-        for _ in 0..3 {
+        for _ in 0..FRAMES {
             times.push(self.picture(lit, image, clock)?.1);
         }
         Ok((picture, times))
@@ -95,18 +99,13 @@ fn fields(own: u32) -> Vec<Visibility> {
     unique
 }
 
-/// Fills `report` with the frames of a subject; `cost` predicts a field's wall seconds.
-pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<Truth> {
-    let (picture, how, error) = frames.judge((0.5 * clock.left(UNTIL[0])).max(SURE * clock.share), clock)?;
-    let truth = Truth { picture, how, error };
-    report.image_reference.clone_from(&truth.how);
-    report.image_reference_error = truth.error;
+/// Fills `report` with the times of a subject's frames, and returns their pictures, which [`judge`] will judge; `cost` predicts
+/// a field's wall seconds.
+pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<Vec<Picture>> {
     report.pixels = [frames.image.width, frames.image.height];
-    let allowed = clock.left(UNTIL[0]).max(0.5 * SURE * clock.share);
-    frames.floors(&truth, allowed, cost, clock, report)?;
-    let mut late = Vec::new();
+    let (mut pictures, mut late) = (Vec::new(), Vec::new());
     for (i, v) in fields(frames.subject.ratio).into_iter().enumerate() {
-        if i >= FIRST && cost(&v) > clock.left(UNTIL[1]) {
+        if i >= FIRST && cost(&v) > clock.left(UNTIL[0]) {
             late.push(format!("{} at 1:{}", candidates::name(&v), v.ratio));
             continue;
         }
@@ -118,7 +117,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
             let image = ImageSettings { step, ..frames.image };
             let (picture, runs) = frames.frame(&lit, &image, clock)?;
             let (frame, spread) = median(runs);
-            let Some((rmse, interval)) = frames.rmse(&picture, &truth) else { continue };
+            pictures.push(picture);
             report.frames.push(FramePoint {
                 name: format!("{} at 1:{}", candidates::name(&v), v.ratio),
                 ratio: v.ratio,
@@ -127,9 +126,9 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
                 relight_seconds: seconds(&relight),
                 seconds: frame,
                 spread,
-                rmse,
-                interval,
-                flip: frames.flip(&picture, &truth.picture),
+                rmse: f64::NAN,
+                interval: [f64::NAN; 2],
+                flip: f64::NAN,
                 front: false,
                 visibility: v.clone(),
             });
@@ -138,9 +137,27 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
     if !late.is_empty() {
         report.left_out.push(format!("frames: {}", late.join("; ")));
     }
-    let pairs: Vec<(f64, f64)> = report.frames.iter().map(|p| (p.seconds, p.rmse)).collect();
-    report.frames.iter_mut().zip(pareto::front(&pairs)).for_each(|(p, front)| p.front = front);
-    Ok(truth)
+    Ok(pictures)
+}
+
+/// Judges the frames of `report`, whose pictures are given in their order, and those side by side, against the truth.
+pub fn judge(frames: &Frames, pictures: &[Picture], truth: Truth, report: &mut SubjectReport) {
+    for (point, picture) in report.frames.iter_mut().zip(pictures) {
+        (point.rmse, point.interval) = truth.rmse(picture).unwrap_or((f64::NAN, [f64::NAN; 2]));
+        point.flip = frames.flip(picture, &truth.picture);
+    }
+    // Where nothing is covered there is no error.
+    report.frames.retain(|p| p.rmse.is_finite());
+    let ranges: Vec<_> = report.frames.iter().map(|p| [p.spread.unwrap_or([p.seconds; 2]), p.interval]).collect();
+    report.frames.iter_mut().zip(pareto::front(&ranges)).for_each(|(p, front)| p.front = front);
+    for shown in &mut report.shown {
+        let (rmse, _) = truth.rmse(&shown.picture).unwrap_or_default();
+        let _ = write!(shown.title, ", image relative RMSE {rmse:.4}");
+        shown.difference = Some(difference(&shown.picture, &truth.picture));
+    }
+    report.image_reference.clone_from(&truth.how);
+    report.image_reference_error = truth.error;
+    report.shown.insert(0, Shown { group: "Reference".into(), title: truth.how, picture: truth.picture, difference: None });
 }
 
 /// The two measured fields, one of the pyramid and one swept, that are nearest in `key` and whose pictures are still
@@ -165,11 +182,10 @@ fn nearest(points: &[FieldPoint], ratio: u32, most: f64, key: impl Fn(&FieldPoin
         })
 }
 
-/// Pictures of the pyramid and the sweep at about equal time and at about equal error, with the reference.
-pub fn pairs(frames: &Frames, truth: &Truth, clock: &mut Clock, report: &mut SubjectReport) -> Result<Vec<Shown>> {
-    let mut shown = vec![Shown { group: "Reference".into(), title: truth.how.clone(), picture: truth.picture.clone(), difference: None }];
+/// Fills `report` with pictures of the pyramid and the sweep at about equal time and at about equal error, not yet judged.
+pub fn pairs(frames: &Frames, clock: &mut Clock, report: &mut SubjectReport) -> Result<()> {
     for (group, by_time) in [("At about equal time", true), ("At about equal error", false)] {
-        let most = (0.4 * clock.left(UNTIL[2])).max(0.3 * SURE * clock.share);
+        let most = (0.4 * clock.left(UNTIL[1])).max(SURE * clock.share);
         let found = nearest(&report.fields, frames.subject.ratio, most, |p| if by_time { p.seconds } else { p.error });
         let Some(pair) = found else {
             report.left_out.push(format!("pictures: {}", group.to_lowercase()));
@@ -180,10 +196,9 @@ pub fn pairs(frames: &Frames, truth: &Truth, clock: &mut Clock, report: &mut Sub
             let v = Visibility { bits: 8, ..point.visibility.clone() };
             let (field, seconds) = frames.field(&v, clock)?;
             let (picture, _) = frames.picture(&frames.lit(&field, 4)?, &frames.exact(), clock)?;
-            let (rmse, _) = frames.rmse(&picture, truth).unwrap_or_default();
-            let title = format!("{}: field {seconds:.2} s, field error {:.3}, image relative RMSE {rmse:.4}", point.name, point.error);
-            shown.push(Shown { group: group.into(), title, difference: Some(difference(&picture, &truth.picture)), picture });
+            let title = format!("{}: field {seconds:.2} s, field error {:.3}", point.name, point.error);
+            report.shown.push(Shown { group: group.into(), title, difference: None, picture });
         }
     }
-    Ok(shown)
+    Ok(())
 }

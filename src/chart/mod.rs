@@ -149,6 +149,7 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
         fields: Vec::new(),
         image_reference: String::new(),
         image_reference_error: 0.0,
+        image_reference_wanted: 0.0,
         floor: String::new(),
         pixels: [0; 2],
         frames: Vec::new(),
@@ -162,10 +163,13 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
     let costs = field::own(&fields, clock, &mut report)?;
     let frames = frame::Frames::new(engine, subject, &medium, options);
     let cost = |v: &Visibility| costs.whole(v, medium.grid());
-    let truth = frame::measure(&frames, &cost, clock, &mut report)?;
-    report.shown = frame::pairs(&frames, &truth, clock, &mut report)?;
+    let pictures = frame::measure(&frames, &cost, clock, &mut report)?;
+    frame::pairs(&frames, clock, &mut report)?;
     savings::measure(&frames, &cost, clock, &mut report)?;
     field::others(&fields, &costs, clock, &mut report)?;
+    // All time that is left goes to what pictures are judged against.
+    let truth = frames.truth(&pictures, &cost, clock, &mut report)?;
+    frame::judge(&frames, &pictures, truth, &mut report);
     Ok(report)
 }
 

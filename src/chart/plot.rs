@@ -44,6 +44,8 @@ pub struct Mark {
     pub style: usize,
     /// Both above 0.
     pub at: [f64; 2],
+    /// Error bar along x.
+    pub spread: Option<[f64; 2]>,
     /// Error bar along y.
     pub interval: Option<[f64; 2]>,
     /// Drawn hollow.
@@ -95,7 +97,7 @@ const TEXT: f64 = 12.0;
 pub(super) const SMALL: f64 = 11.0;
 const NUMBERS: f64 = 68.0;
 
-const FRONT: &str = "Pareto front: nothing is better in both";
+const FRONT: &str = "Pareto front (large marks): nothing beats it; bars that overlap are a tie";
 
 impl Draw for Chart {
     fn height(&self) -> f64 {
@@ -117,7 +119,7 @@ impl Draw for Chart {
             on.text([x + entry.indent(), y], TEXT, HPos::Left, INK, entry.text())?;
         }
         let marks = || self.panels.iter().flat_map(|p| p.marks.iter());
-        let x = Axis::around(marks().map(|m| m.at[0]));
+        let x = Axis::around(marks().flat_map(|m| [m.at[0]].into_iter().chain(m.spread.into_iter().flatten())));
         let levels = self.panels.iter().flat_map(|p| p.levels.iter().map(|l| l.0));
         let y = Axis::around(marks().flat_map(|m| [Some(m.at[1]), m.interval.map(|i| i[1])]).flatten().chain(levels));
         let (_, below) = on.area.split_vertically(on.px(self.head()));
@@ -228,24 +230,40 @@ impl Chart {
             let line = chain.iter().filter_map(|&i| panel.marks.get(i)).filter(drawable).map(at);
             chart.draw_series(LineSeries::new(line, on.line(MUTED, 0.7)))?;
         }
-        let mut front: Vec<(f64, f64)> = shown.iter().filter(|m| m.front).map(|m| at(m)).collect();
-        front.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Between two of its points the front is the corner that both leave.
-        let steps = front.windows(2).flat_map(|w| [w[0], (w[1].0, w[0].1)]).chain(front.last().copied());
-        chart.draw_series(LineSeries::new(steps, on.line(INK, 1.2)))?;
+        let steps = steps(shown.iter().filter(|m| m.front).map(|m| at(m)).collect());
+        chart.draw_series(LineSeries::new(steps.iter().copied(), on.line(INK, 1.2)))?;
         for (level, _) in &panel.levels {
             let ends = [(x.lo, y.on(*level)), (x.hi, y.on(*level))];
             chart.draw_series(DashedLineSeries::new(ends, on.px(5.0), on.px(4.0), on.line(INK, 1.0)))?;
         }
         let styled = || shown.iter().filter_map(|m| self.styles.get(m.style).map(|s| (*m, s)));
         chart.draw_series(styled().filter_map(|(m, s)| {
+            let [lo, hi] = m.spread?;
+            let (mid, y) = at(m);
+            Some(ErrorBar::new_horizontal(y, x.on(lo), mid, x.on(hi), on.line(s.color, 1.2), on.px(6.0) as u32))
+        }))?;
+        chart.draw_series(styled().filter_map(|(m, s)| {
             let [lo, hi] = m.interval?;
             let (x, mid) = at(m);
             Some(ErrorBar::new_vertical(x, y.on(lo), mid, y.on(hi), on.line(s.color, 1.2), on.px(6.0) as u32))
         }))?;
         chart.draw_series(styled().map(|(m, s)| mark(on, s, at(m), if m.front { 5.6 } else { 4.4 }, m.hollow)))?;
-        labels::draw(on, &chart, panel, &shown, [x, y])
+        let mut lines = vec![steps];
+        lines.extend(panel.chains.iter().map(|c| c.iter().filter_map(|&i| panel.marks.get(i)).filter(drawable).map(at).collect()));
+        labels::draw(on, &chart, panel, &shown, &lines, [x, y])
     }
+}
+
+/// The front's line: between two of its points, the corner that both leave. Points that only tie lie off it.
+fn steps(mut front: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    front.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let mut least = f64::INFINITY;
+    front.retain(|p| {
+        let lower = p.1 < least;
+        least = least.min(p.1);
+        lower
+    });
+    front.windows(2).flat_map(|w| [w[0], (w[1].0, w[0].1)]).chain(front.last().copied()).collect()
 }
 
 /// A series' mark at a point.
@@ -288,6 +306,7 @@ mod tests {
         let mark = |x: f64, y: f64, front: bool| Mark {
             style: 0,
             at: [x, y],
+            spread: Some([0.9 * x, 1.1 * x]),
             interval: Some([0.8 * y, 1.3 * y]),
             hollow: !front,
             front,
@@ -310,6 +329,13 @@ mod tests {
         assert!(svg.contains(&format!("viewBox=\"0 0 {} {}\"", info.width, info.height)));
         // A sabotage: without its label the picture is another.
         assert_ne!(png, canvas::png(&chart("")).unwrap());
+    }
+
+    #[test]
+    fn the_fronts_line_leaves_out_what_only_ties() {
+        let line = steps(vec![(3.0, 1.0), (1.0, 4.0), (2.0, 4.5)]);
+        assert_eq!(line, [(1.0, 4.0), (3.0, 4.0), (3.0, 1.0)]);
+        assert!(steps(Vec::new()).is_empty());
     }
 
     #[test]

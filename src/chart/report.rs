@@ -80,9 +80,9 @@ pub struct FramePoint {
     pub field_seconds: f64,
     /// Device seconds of putting the field under the light.
     pub relight_seconds: f64,
-    /// Device seconds of the frame, median of three.
+    /// Device seconds of the frame, median of five.
     pub seconds: f64,
-    /// Least and most of the three.
+    /// Least and most of the five.
     pub spread: Option<[f64; 2]>,
     /// Relative RMSE over the pixels that the volume covers, the reference's own noise taken off in quadrature.
     pub rmse: f64,
@@ -154,6 +154,8 @@ pub struct SubjectReport {
     pub image_reference: String,
     /// Its own relative standard error.
     pub image_reference_error: f64,
+    /// What that should be at most: a tenth of the least error that is judged by it.
+    pub image_reference_wanted: f64,
     /// What [`levels`](Self::levels) are the error of: "SH-exact", the reference picture under the light cut to so many bands,
     /// or, for shaded surfaces, the densest field that was affordable.
     pub floor: String,

@@ -79,7 +79,7 @@ fn rows(ratio: u32, image: &ImageSettings) -> Vec<Row> {
 }
 
 /// Share of a subject's time until when they may run.
-const UNTIL: f64 = 0.92;
+const UNTIL: f64 = 0.68;
 
 /// Runs of each side, in turns, where there is time for them.
 const ROUNDS: usize = 3;

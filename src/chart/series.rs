@@ -41,6 +41,7 @@ fn field_mark(p: &FieldPoint) -> Mark {
     Mark {
         style: style_of(&p.visibility),
         at: [p.seconds, p.error],
+        spread: p.spread,
         interval: Some(p.interval),
         hollow: p.timing == Timing::Extrapolated,
         front: p.front,
@@ -71,7 +72,7 @@ pub fn field_error(report: &Report) -> Chart {
     Chart {
         title: "Field error against time".into(),
         subtitle:
-            "relative L2 over 16 coefficients at cells near matter, against march with 4,096 directions and steps of ¼ voxel; bars: 95 %"
+            "relative L2 over 16 coefficients at cells near matter, against march with 4,096 directions and steps of ¼ voxel; bars: 95 %, range of three runs"
                 .into(),
         x: "device time of the whole field, s".into(),
         y: "relative L2 error, before packing".into(),
@@ -99,10 +100,11 @@ pub fn packing(report: &Report) -> Chart {
                 let (bands, bits, error) = (p.visibility.bands, [8, 16, 32][style], [p.packed[1], p.packed[0], p.error][style]);
                 let bytes = pack::groups(bands) as f64 * f64::from(pack::formats(bands, bits).0.bytes());
                 let label = if bits == 8 { candidates::counted_bands(bands) } else { String::new() };
-                Mark { style, at: [bytes, error], interval: None, hollow: false, front: false, label }
+                Mark { style, at: [bytes, error], spread: None, interval: None, hollow: false, front: false, label }
             };
             let mut marks: Vec<Mark> = (0..styles.len()).flat_map(|style| points.iter().map(move |p| mark(p, style))).collect();
-            let front = pareto::front(&marks.iter().map(|m| (m.at[0], m.at[1])).collect::<Vec<_>>());
+            // All of the same probes and sums: there is no noise between them.
+            let front = pareto::front(&marks.iter().map(|m| m.at.map(|v| [v; 2])).collect::<Vec<_>>());
             marks.iter_mut().zip(front).for_each(|(m, front)| m.front = front);
             let chains = (0..styles.len()).map(|style| (style * points.len()..(style + 1) * points.len()).collect()).collect();
             if !marks.is_empty() {
@@ -128,6 +130,7 @@ fn frame_mark(p: &FramePoint) -> Mark {
     Mark {
         style: style_of(&p.visibility),
         at: [1e3 * p.seconds, p.rmse],
+        spread: p.spread.map(|s| s.map(|v| 1e3 * v)),
         interval: Some(p.interval),
         hollow: p.step != 1.0,
         front: p.front,
@@ -159,7 +162,7 @@ pub fn frame_error(report: &Report) -> Chart {
         .collect();
     Chart {
         title: "Image error against frame time".into(),
-        subtitle: "relative RMSE over covered pixels, against path-traced single scattering; bars: 95 % over pixels; dashed: what so many bands cannot hold".into(),
+        subtitle: "relative RMSE over covered pixels, against path-traced single scattering; bars: 95 % over pixels, range of five frames; dashed: what so many bands cannot hold".into(),
         x: "device time of the frame, ms".into(),
         y: "relative RMSE".into(),
         styles: styles(),

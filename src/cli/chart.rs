@@ -16,9 +16,10 @@ use halflight::{Error, demo, io};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
-/// Seconds kept for the table of hard scenes.
-const HARD_SECONDS: f64 = 90.0;
+/// Seconds from which on there is time for the table of hard scenes.
+const HARD_FROM: f64 = 300.0;
 
 /// `halflight chart [SCENE…] -o DIR [--quick] [--budget SECONDS]`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
@@ -33,7 +34,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let base = if m.get_flag("quick") { Options::QUICK } else { Options::FULL };
     let options = Options { seconds: m.get_one::<f64>("budget").copied().unwrap_or(base.seconds), ..base };
 
-    let bar = Progress::new(&[load::READ, "measure", "hard scenes", "draw"]);
+    let bar = Progress::new(&[load::READ, "hard scenes", "measure", "draw"]);
     let mut subjects = Vec::new();
     for path in &scenes {
         subjects.push(subject(path, &given, &bar)?);
@@ -48,15 +49,17 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     report.flush()?;
 
     bar.plan(&[("measure", 1.0)]);
-    bar.enter("measure");
-    // The table of hard scenes takes about a minute: only where that is little.
-    let hard = options.seconds >= 300.0;
-    let measured = Options { seconds: if hard { options.seconds - HARD_SECONDS } else { options.seconds }, ..options };
-    let mut charted = chart::run(&engine, &subjects, &measured, &mut bar.job())?;
-    if hard {
+    // The table of hard scenes takes about a minute: only where that is little. What it leaves of the time is measured in.
+    let (begun, mut hard) = (Instant::now(), Vec::new());
+    if options.seconds >= HARD_FROM {
         bar.enter("hard scenes");
-        charted.stability = chart::stability(&engine, &mut bar.job())?;
+        hard = chart::stability(&engine, &mut bar.job())?;
     }
+    bar.enter("measure");
+    let measured = Options { seconds: (options.seconds - begun.elapsed().as_secs_f64()).max(0.5 * options.seconds), ..options };
+    let charted = chart::run(&engine, &subjects, &measured, &mut bar.job())?;
+    let seconds = begun.elapsed().as_secs_f64();
+    let charted = chart::Report { budget: options.seconds, seconds, stability: hard, ..charted };
     bar.enter("draw");
     let machine = Machine::of(engine.device());
     let object = json!({ "machine": machine, "report": charted });
@@ -81,8 +84,9 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     }
     report.wrote(&folder.join("report.html"));
     report.line("", format!("and {} files beside it", files.len() - 1));
-    if let Some(records) = m.get_one::<PathBuf>("record") {
-        report.wrote(&record.write(records)?);
+    // Runs inside this project's checkout are kept where those of `cargo bench` are.
+    if let Some(records) = std::env::current_dir().ok().and_then(|here| halflight::record::folder(&here)) {
+        report.wrote(&record.write(&records)?);
     }
     for (key, value) in object.as_object().into_iter().flatten() {
         report.set(key, value.clone());
