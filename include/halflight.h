@@ -240,6 +240,7 @@ hl_status hl_transfer_destroy(hl_transfer *transfer);
 #define HL_WINDOW_NONE 0
 #define HL_WINDOW_HANNING 1
 #define HL_WINDOW_LANCZOS 2
+#define HL_WINDOW_GAUSS 3
 
 typedef struct hl_light_info {
     uint32_t struct_size;

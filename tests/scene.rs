@@ -469,9 +469,17 @@ fn background_and_light_turn_and_scale_alike() {
     let full = Light::from_probe(&probe);
     let mean = LightSettings { bands: 1, ..LightSettings::default() }.prepare(&full);
     assert!((mean.radiance(DVec3::X)[0] - 2.0).abs() < 1e-3);
-    let soft = LightSettings { window: Windowing::Hanning, ..LightSettings::default() }.prepare(&full);
-    let damped = (soft.radiance(DVec3::X)[0] - 2.0) / (full.radiance(DVec3::X)[0] - 2.0);
-    assert!((damped - 0.5 * (1.0 + (std::f64::consts::PI / 4.0).cos())).abs() < 1e-3, "{damped}");
+    let quarter = std::f64::consts::PI / 4.0;
+    for (window, factor) in [
+        (Windowing::None, 1.0),
+        (Windowing::Hanning, 0.5 * (1.0 + quarter.cos())),
+        (Windowing::Lanczos, quarter.sin() / quarter),
+        (Windowing::Gauss, (-0.125 * quarter * quarter).exp()),
+    ] {
+        let soft = LightSettings { window, ..LightSettings::default() }.prepare(&full);
+        let damped = (soft.radiance(DVec3::X)[0] - 2.0) / (full.radiance(DVec3::X)[0] - 2.0);
+        assert!((damped - factor).abs() < 1e-3, "{window:?}: {damped}");
+    }
     let constant = LightSettings { source: LightSource::Constant([1.0, 2.0, 3.0]), scale: 2.0, ..LightSettings::default() };
     assert_eq!(constant.background(None, DVec3::X), [2.0, 4.0, 6.0]);
 }
@@ -485,7 +493,7 @@ fn a_scenes_text_is_the_same_scene_again() {
         "[volume]\nfile = \"/x/a.raw\"\ndims = [3, 4, 5]\ntype = \"int16\"\nspacing = [0.1, 0.2, 3.0]\nendian = \"big\"\noffset = 12\nnan_as = 0.1\n\
          [transfer]\nkind = \"extinction\"\nreference = \"side\"\npoints = [[1, 0.8, 0.7, 0.5, 0], [2.5, 0.1, 0.2, 0.3, 40]]\n\
          [surface]\niso = 1.7\nshading = \"isotropic\"\nalbedo = [0.1, 0.2, 0.3]\n\
-         [light]\nprobe = \"p.hdr\"\nrotate = [0, 0.6, 0.8, 33]\nscale = 2.5\nbands = 3\nwindow = \"hanning\"\n\
+         [light]\nprobe = \"p.hdr\"\nrotate = [0, 0.6, 0.8, 33]\nscale = 2.5\nbands = 3\nwindow = \"gauss\"\n\
          [visibility]\nmethod = \"march\"\nratio = 2\ndirections = 77\nbands = 3\nbits = 16\nfilter = \"product\"\nsampling = \"jittered\"\ngrowth = 0.3\nstep = 0.7\n\
          [camera]\nposition = [1, 2, 3]\ntarget = [0.1, 0.2, 0.3]\nup = [0, 1, 0]\nfov = 44\nspace = \"world\"\n\
          [image]\nwidth = 10\nheight = 20\nstep = 0.3\nbackground = \"light\"\nexposure = -1.5\nskip = false",

@@ -64,6 +64,7 @@ pub const HL_LIGHT_SH: i32 = 5;
 pub const HL_WINDOW_NONE: i32 = 0;
 pub const HL_WINDOW_HANNING: i32 = 1;
 pub const HL_WINDOW_LANCZOS: i32 = 2;
+pub const HL_WINDOW_GAUSS: i32 = 3;
 
 pub const HL_RGBA32F: i32 = 0;
 pub const HL_RGB32F: i32 = 1;

@@ -141,7 +141,12 @@ impl LightState {
         if !(0..=4).contains(&info.bands) {
             return Err(Fault::invalid("hl_light_info.bands", format_args!("is {}", info.bands), "it must be 1 to 4, or 0 for 4"));
         }
-        let windows = [(HL_WINDOW_NONE, Windowing::None), (HL_WINDOW_HANNING, Windowing::Hanning), (HL_WINDOW_LANCZOS, Windowing::Lanczos)];
+        let windows = [
+            (HL_WINDOW_NONE, Windowing::None),
+            (HL_WINDOW_HANNING, Windowing::Hanning),
+            (HL_WINDOW_LANCZOS, Windowing::Lanczos),
+            (HL_WINDOW_GAUSS, Windowing::Gauss),
+        ];
         let source = match (&state.shape, info.radiance) {
             // Only whether there is a probe matters, not its file.
             (Shape::Probe(_), _) => LightSource::Probe(PathBuf::new()),

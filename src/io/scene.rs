@@ -222,7 +222,8 @@ fn light(s: &Settings) -> Result<LightSettings> {
     let default = LightSettings::default();
     let radiance = "it must be three numbers in 0..1e6, linear red, green, blue";
     let constant = s.numbers::<3>("light.constant", 0.0..=1e6, radiance)?.map(|c| c.map(|v| v as f32));
-    let windows = [("none", Windowing::None), ("hanning", Windowing::Hanning), ("lanczos", Windowing::Lanczos)];
+    let windows =
+        [("none", Windowing::None), ("hanning", Windowing::Hanning), ("lanczos", Windowing::Lanczos), ("gauss", Windowing::Gauss)];
     Ok(LightSettings {
         source: match (s.path("light.probe")?, constant) {
             (Some(path), _) => LightSource::Probe(path),

@@ -150,6 +150,7 @@ fn light(scene: &Scene) -> Table {
         Windowing::None => "none",
         Windowing::Hanning => "hanning",
         Windowing::Lanczos => "lanczos",
+        Windowing::Gauss => "gauss",
     };
     out.push(("window", word(window)));
     table(out)

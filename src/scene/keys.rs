@@ -67,7 +67,7 @@ pub const KEYS: &[Key] = &[
     key("light.rotate", "[X, Y, Z, DEGREES]", "none", "turns the light about a world axis"),
     key("light.scale", "FACTOR", "1", "factor on the light's radiance"),
     key("light.bands", "1|2|3|4", "4", "spherical-harmonic bands of the light that are used"),
-    key("light.window", "none|hanning|lanczos", "none", "window on the light's bands against ringing"),
+    key("light.window", "none|hanning|lanczos|gauss", "none", "window on the light's bands against ringing"),
     key(
         "visibility.tolerance",
         "ERROR",

@@ -221,13 +221,14 @@ pub struct LightSettings {
 }
 
 impl LightSettings {
-    /// The light as it meets visibility: bands cut, windowed (the window reaches 0 at the first band cut off), turned, scaled.
+    /// The light as it meets visibility: bands cut, windowed (the window is as wide as the kept bands), turned, scaled.
     pub fn prepare(&self, light: &Light) -> Light {
         let width = f64::from(self.bands);
         let window = match self.window {
             Windowing::None => Window::None,
             Windowing::Hanning => Window::Hanning(width),
             Windowing::Lanczos => Window::Lanczos(width),
+            Windowing::Gauss => Window::Gauss(width),
         };
         let light = light.bands(self.bands as usize).windowed(window).scaled(self.scale);
         match self.rotate {
@@ -270,6 +271,8 @@ pub enum Windowing {
     Hanning,
     /// Lanczos (sinc).
     Lanczos,
+    /// Gauss: damps least.
+    Gauss,
 }
 
 impl Default for LightSettings {

@@ -412,7 +412,7 @@ fn values_out_of_range_are_refused_with_a_sentence() {
     let cases: Vec<(&str, hl_light_info)> = vec![
         ("hl_light_info.kind", hl_light_info { kind: 6, ..init() }),
         ("hl_light_info.bands", hl_light_info { bands: 5, ..init() }),
-        ("hl_light_info.window", hl_light_info { window: 3, ..init() }),
+        ("hl_light_info.window", hl_light_info { window: 4, ..init() }),
         ("half_angle", hl_light_info { kind: HL_LIGHT_CONE, toward: [1.0; 3], half_angle: 181.0, ..init() }),
         ("must be finite", hl_light_info { scale: f64::NAN, ..init() }),
     ];

@@ -35,7 +35,7 @@ fn the_same_scene_is_the_same_picture() {
         format!(
             "[volume]\nfile = \"v.raw\"\ndims = [{n}, {n}, {n}]\ntype = \"uint8\"\nspacing = [0.5, 0.6, 0.7]\n\
              [transfer]\nreference = \"side\"\nkind = \"extinction\"\npoints = {POINTS:?}\n\
-             [light]\nprobe = \"probe.exr\"\nrotate = [0.3, 1.0, 0.2, 40]\nscale = 1.3\nbands = 3\nwindow = \"hanning\"\n\
+             [light]\nprobe = \"probe.exr\"\nrotate = [0.3, 1.0, 0.2, 40]\nscale = 1.3\nbands = 3\nwindow = \"gauss\"\n\
              [visibility]\nmethod = \"{method}\"\nratio = 2\ndirections = 40\nbits = 16\n\
              [camera]\nposition = [1.2, -1.4, 0.9]\ntarget = [0.05, 0, 0]\nup = [0.1, 0, 1]\nfov = 35\n\
              [image]\nwidth = 60\nheight = 44\nstep = 0.7\n{more}"
@@ -57,7 +57,7 @@ fn the_same_scene_is_the_same_picture() {
         kind: HL_LIGHT_PROBE,
         probe: image,
         bands: 3,
-        window: HL_WINDOW_HANNING,
+        window: HL_WINDOW_GAUSS,
         scale: 1.3,
         axis: [0.3, 1.0, 0.2],
         degrees: 40.0,
