@@ -3,6 +3,7 @@
 //! band that both improvement and regress leave. `tests/stability` asserts every row; [`table`] prints them.
 
 mod beam;
+mod devices;
 mod extremes;
 mod grids;
 mod lab;
@@ -152,6 +153,7 @@ pub const CASES: &[Case] = &[
     case("camera", "a camera inside the volume and rays along its faces; truth: chords", views::camera),
     case("long rays", "more steps than one invocation may loop on every device; truth: the unsplit formula", limits::long_rays),
     case("repeat", "the same run again: the same bits", limits::repeat),
+    case("elsewhere", "the same scene by the kernels' twins on this processor, and on every other device here", devices::elsewhere),
 ];
 
 /// Runs every case.

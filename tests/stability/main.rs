@@ -50,4 +50,5 @@ cases! {
     camera: "camera",
     long_rays: "long rays",
     repeat: "repeat",
+    elsewhere: "elsewhere",
 }
