@@ -73,6 +73,16 @@ fn a_small_scene_is_measured_and_written() {
     let rows: Vec<&str> = csv.lines().collect();
     assert_eq!(rows.len(), 1 + s.fields.len());
     assert!(rows[1].starts_with("\"a <b> & \"\"c\"\"\",\"sweep, N 128"), "{}", rows[1]);
+    let table = chart::tables_md(&report);
+    let first = s.fields.iter().find(|p| p.name == "sweep, N 128, near 2, step 2" && p.ratio == 4).unwrap();
+    assert!(
+        table.contains(&format!("| {} | {:.3} [{:.3}, {:.3}], ", first.name, first.error, first.interval[0], first.interval[1])),
+        "{table}"
+    );
+    assert!(
+        table.contains(&format!("1:4, {} probes |", s.references[0].probes)) && table.lines().all(|l| l.matches('|').count() % 3 == 0),
+        "{table}"
+    );
     for figure in chart::figures(&report) {
         let (svg, png) = (figure.svg().unwrap(), figure.png().unwrap());
         assert!(png.starts_with(b"\x89PNG") && png.len() > 5_000, "{}", figure.name);
@@ -151,6 +161,7 @@ fn the_command_writes_a_folder_or_says_why_not() {
         "report.html",
         "report.json",
         "points.csv",
+        "table.md",
         "field_error.svg",
         "field_error.png",
         "frame_error.svg",

@@ -16,6 +16,7 @@ mod histogram;
 mod html;
 mod judge;
 mod labels;
+mod markdown;
 pub mod pareto;
 mod plot;
 mod raster;
@@ -34,6 +35,7 @@ pub use csv::points_csv;
 pub use figures::record;
 pub use histogram::{histogram_png, histogram_svg};
 pub use html::report_html;
+pub use markdown::tables_md;
 pub use report::{FieldPoint, FramePoint, Level, Reference, Report, Saving, Shown, StabilityRow, SubjectReport, Timing};
 
 /// What is measured on: one scene, in host memory.

@@ -67,6 +67,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         ("report.html".into(), chart::report_html(&charted, &machine)?.into_bytes()),
         ("report.json".into(), format!("{object:#}\n").into_bytes()),
         ("points.csv".into(), chart::points_csv(&charted).into_bytes()),
+        ("table.md".into(), chart::tables_md(&charted).into_bytes()),
     ];
     for figure in chart::figures(&charted) {
         files.push((format!("{}.png", figure.name), figure.png()?));

@@ -15,7 +15,7 @@
 //! - the sweep, whole: one slice dense, with two numbers of directions, which gives its quadrature and what its handing on of
 //!   transmittance costs; then, if time is left, the shape (slices, step) that these make the cheapest.
 //!
-//! Then error² = quadrature² + own² + packing² by laws ([`law`](self)) whose exponents were fitted to ten volumes, and the
+//! Then error² = quadrature² + own² + packing² by laws ([`law`](self)) whose exponents were fitted to ten scenes, and the
 //! cheapest shape and N that stay within the tolerance are taken, with a margin for the 95 % interval and for what the laws
 //! may be off by; `march` where that is cheaper.
 //!
