@@ -29,7 +29,7 @@ fn subject(name: &str) -> Subject {
 
 fn measured(seconds: f64) -> Report {
     let engine = engine();
-    let options = Options { seconds, probes: 64, pixels: 32 * 24 };
+    let options = Options { seconds, probes: 64, pixels: 32 * 24, judged: 32 * 24 };
     chart::run(&engine, &[subject("a <b> & \"c\"")], &options, &mut quiet).unwrap()
 }
 
@@ -105,7 +105,8 @@ fn bands_leave_what_they_cannot_hold() {
     let engine = engine();
     let gradient = Probe::from_fn(128, 64, |dir| [(1.0 + 0.9 * dir.z) as f32; 3]).unwrap();
     let subject = Subject { light: Light::from_probe(&gradient), sky: Sky::from_probe(&gradient), ..subject("gradient") };
-    let report = chart::run(&engine, &[subject], &Options { seconds: 15.0, probes: 64, pixels: 32 * 24 }, &mut quiet).unwrap();
+    let report =
+        chart::run(&engine, &[subject], &Options { seconds: 15.0, probes: 64, pixels: 32 * 24, judged: 32 * 24 }, &mut quiet).unwrap();
     let s = &report.subjects[0];
     let level = |bands| s.levels.iter().find(|l| l.bands == bands).map_or(0.0, |l| l.rmse);
     println!("floors {:?}, noise {}", [1, 2, 3, 4].map(level), s.image_reference_error);
@@ -117,7 +118,7 @@ fn bands_leave_what_they_cannot_hold() {
 #[test]
 fn a_cancel_is_heard() {
     let engine = engine();
-    let options = Options { seconds: 60.0, probes: 64, pixels: 32 * 24 };
+    let options = Options { seconds: 60.0, probes: 64, pixels: 32 * 24, judged: 32 * 24 };
     let mut calls = 0;
     let mut stop = |_: &'static str, _: f32| {
         calls += 1;

@@ -73,6 +73,7 @@ fn row<B: DrawingBackend>(on: &Canvas<B>, y: f64, saving: &Saving) -> Drawn<B> {
     )?;
     let moved = match saving.rmse {
         0.0 => "the same picture".to_owned(),
+        rmse if rmse < 1e-4 => "RMSE below 0.0001".to_owned(),
         rmse if rmse > TRADE => format!("a trade: RMSE {}", number(rmse)),
         rmse => format!("RMSE {}", number(rmse)),
     };
@@ -130,6 +131,7 @@ mod tests {
         );
         let memory = Saving { of: "memory", rmse: 0.2, ..saving(4096.0, 1024.0) };
         let svg_memory = of(&[memory]);
+        assert!(of(&[Saving { rmse: 1e-7, ..saving(2.0, 1.0) }]).contains("RMSE below 0.0001"));
         assert!(["4.00 times as small", "4.0 KiB", "a trade: RMSE 0.2"].iter().all(|t| svg_memory.contains(t)), "{svg_memory}");
         assert!(svg.contains("2.00 times as fast") && svg.contains("0.25 times as fast") && svg.contains("the same picture"));
         assert!(canvas::png(&Bars(Vec::new())).is_ok());

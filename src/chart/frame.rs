@@ -32,17 +32,22 @@ pub struct Frames<'a> {
     pub subject: &'a Subject,
     /// With which matter.
     pub medium: &'a Medium,
-    /// Their size and step.
+    /// Their size and step where they are timed.
     pub image: ImageSettings,
+    /// The same where their errors are judged.
+    pub judged: ImageSettings,
 }
 
 impl<'a> Frames<'a> {
     /// Pictures of the subject, of at most so many pixels.
     pub fn new(engine: &'a Engine, subject: &'a Subject, medium: &'a Medium, options: &Options) -> Self {
         let full = subject.image;
-        let shrink = (options.pixels as f64 / (full.width * full.height) as f64).sqrt().min(1.0);
-        let side = |n: usize| ((n as f64 * shrink).round() as usize).max(1);
-        Self { engine, subject, medium, image: ImageSettings { width: side(full.width), height: side(full.height), ..full } }
+        let of = |pixels: usize| {
+            let shrink = (pixels as f64 / (full.width * full.height) as f64).sqrt().min(1.0);
+            let side = |n: usize| ((n as f64 * shrink).round() as usize).max(1);
+            ImageSettings { width: side(full.width), height: side(full.height), ..full }
+        };
+        Self { engine, subject, medium, image: of(options.pixels), judged: of(options.judged) }
     }
 
     /// A field of some settings, and the device seconds that it took.
@@ -63,19 +68,19 @@ impl<'a> Frames<'a> {
         Ok((picture, seconds(&times)))
     }
 
-    /// The picture and the seconds of [`FRAMES`] frames, after one that warms up.
-    pub fn frame(&self, lit: &Lit, image: &ImageSettings, clock: &mut Clock) -> Result<(Picture, Vec<f64>)> {
-        let (picture, _) = self.picture(lit, image, clock)?;
+    /// The picture to judge and the seconds of [`FRAMES`] frames of full size, after it.
+    pub fn frame(&self, lit: &Lit, step: f64, clock: &mut Clock) -> Result<(Picture, Vec<f64>)> {
+        let (picture, _) = self.picture(lit, &ImageSettings { step, ..self.judged }, clock)?;
         let mut times = Vec::new();
         for _ in 0..FRAMES {
-            times.push(self.picture(lit, image, clock)?.1);
+            times.push(self.picture(lit, &ImageSettings { step, ..self.image }, clock)?.1);
         }
         Ok((picture, times))
     }
 
     /// Pictures whose viewing rays count as exact.
     pub fn exact(&self) -> ImageSettings {
-        ImageSettings { step: EXACT_STEP, ..self.image }
+        ImageSettings { step: EXACT_STEP, ..self.judged }
     }
 }
 
@@ -103,6 +108,7 @@ fn fields(own: u32) -> Vec<Visibility> {
 /// a field's wall seconds.
 pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut Clock, report: &mut SubjectReport) -> Result<Vec<Picture>> {
     report.pixels = [frames.image.width, frames.image.height];
+    report.judged = [frames.judged.width, frames.judged.height];
     let (mut pictures, mut late) = (Vec::new(), Vec::new());
     for (i, v) in fields(frames.subject.ratio).into_iter().enumerate() {
         if i >= FIRST && cost(&v) > clock.left(UNTIL[0]) {
@@ -114,8 +120,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
         let (lit, relight) = timed(frames.engine, || frames.lit(&field, 4))?;
         let steps: &[f64] = if i == 0 { &[1.0, 0.5, 2.0, 4.0] } else { &[1.0] };
         for &step in steps {
-            let image = ImageSettings { step, ..frames.image };
-            let (picture, runs) = frames.frame(&lit, &image, clock)?;
+            let (picture, runs) = frames.frame(&lit, step, clock)?;
             let (frame, spread) = median(runs);
             pictures.push(picture);
             report.frames.push(FramePoint {
@@ -146,7 +151,7 @@ pub fn judge(frames: &Frames, pictures: &[Picture], truth: Truth, report: &mut S
         (point.rmse, point.interval) = truth.rmse(picture).unwrap_or((f64::NAN, [f64::NAN; 2]));
         point.flip = frames.flip(picture, &truth.picture);
     }
-    // Where nothing is covered there is no error.
+    // Where nothing is covered there is no error, of any frame.
     report.frames.retain(|p| p.rmse.is_finite());
     let ranges: Vec<_> = report.frames.iter().map(|p| [p.spread.unwrap_or([p.seconds; 2]), p.interval]).collect();
     report.frames.iter_mut().zip(pareto::front(&ranges)).for_each(|(p, front)| p.front = front);
@@ -155,9 +160,25 @@ pub fn judge(frames: &Frames, pictures: &[Picture], truth: Truth, report: &mut S
         let _ = write!(shown.title, ", image relative RMSE {rmse:.4}");
         shown.difference = Some(difference(&shown.picture, &truth.picture));
     }
+    if let Some(pair) = finer(frames.subject.ratio, &report.frames, pictures) {
+        for (point, picture) in pair {
+            let title = format!("{}: field {:.2} s, image relative RMSE {:.4}", point.name, point.field_seconds, point.rmse);
+            let (picture, difference) = (picture.clone(), Some(difference(picture, &truth.picture)));
+            report.shown.push(Shown { group: "For the pyramid's time, the sweep at a finer ratio".into(), title, picture, difference });
+        }
+    }
     report.image_reference.clone_from(&truth.how);
     report.image_reference_error = truth.error;
     report.shown.insert(0, Shown { group: "Reference".into(), title: truth.how, picture: truth.picture, difference: None });
+}
+
+/// The pyramid's best picture at a ratio, and the best one of a sweep at a finer ratio whose field took no longer.
+fn finer<'a>(ratio: u32, frames: &'a [FramePoint], pictures: &'a [Picture]) -> Option<[(&'a FramePoint, &'a Picture); 2]> {
+    let of = |method| frames.iter().zip(pictures).filter(move |(p, _)| p.visibility.method == method && p.step == 1.0);
+    let least = |a: &(&FramePoint, &Picture), b: &(&FramePoint, &Picture)| a.0.rmse.total_cmp(&b.0.rmse);
+    let pyramid = of(Method::Hierarchical).filter(|(p, _)| p.ratio == ratio).min_by(least)?;
+    let sweep = of(Method::Sweep).filter(|(p, _)| p.ratio < ratio && p.field_seconds <= pyramid.0.field_seconds).min_by(least)?;
+    Some([pyramid, sweep])
 }
 
 /// The two measured fields, one of the pyramid and one swept, that are nearest in `key` and whose pictures are still

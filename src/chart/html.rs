@@ -59,7 +59,7 @@ pub fn report_html(report: &Report, machine: &Machine) -> Result<String> {
     }
     section(&mut out, "Left out", "What the time did not reach; a larger <code>--budget</code> does.");
     for s in &report.subjects {
-        let items: Vec<String> = s.left_out.iter().map(|l| format!("<li>{}</li>", escape(l))).collect();
+        let items: Vec<String> = s.left_out.iter().map(|l| left_out(l)).collect();
         let list = if items.is_empty() { "<p>Nothing.</p>".into() } else { format!("<ul>{}</ul>", items.join("\n")) };
         let _ = writeln!(out, "<h3>{}</h3>\n{list}", escape(&s.name));
     }
@@ -72,17 +72,30 @@ const FIELD_TEXT: &str = "How far the coefficients of each estimator are from th
     far worse: what stays is the estimator’s bias.";
 
 const PACKING_TEXT: &str = "What a cell’s memory buys: more bands, or more bits for each of their coefficients. Where 8, 16 and 32 bits lie at one \
-    height, the estimator is what errs.";
+    height, the estimator is what errs. Bars are those of the field error.";
 
 const IMAGE_TEXT: &str = "How far pictures are from the reference picture (path-traced single scattering without harmonics, its own noise \
     taken off in quadrature), against the device time of a frame; the field is computed once and is not in it. A dashed line is what so \
     many bands leave of the error when the field is exact (“SH-exact”: the reference picture under the light cut to them). A frame may lie below it only \
     where its other errors make up for it.";
 
-const PAIR_TEXT: &str = "Ritschel’s pyramid and the sweep at about the same time, and at about the same error; below each picture its \
-    difference from the reference, dark for none, yellow for half of the mean radiance or more.";
+const PAIR_TEXT: &str = "Ritschel’s pyramid and the sweep at about the same time, and at about the same error of their fields; and, for the \
+    time of the pyramid’s best picture, the sweep at a finer ratio. Below each picture its difference from the reference, dark for \
+    none, yellow for half of the mean radiance or more. At a coarse ratio a picture errs by its ratio more than by its field’s \
+    estimator: cells beside thin walls see more of the sky than the walls do, and an estimator that is too dark makes up for that.";
 
 const STABILITY_TEXT: &str = "Scenes made to break estimators, and what they do there.";
+
+/// One item; a long list of settings at a click.
+fn left_out(text: &str) -> String {
+    match text.split_once(": ") {
+        Some((head, list)) if list.matches("; ").count() > 3 => {
+            let all: Vec<String> = list.split("; ").map(escape).collect();
+            format!("<li><details><summary>{}: {} settings</summary>{}</details></li>", escape(head), all.len(), all.join("<br>"))
+        }
+        _ => format!("<li>{}</li>", escape(text)),
+    }
+}
 
 /// What fails at once, the rest at a click: there are some hundred rows.
 fn hard_scenes(out: &mut String, report: &Report) {
@@ -130,8 +143,10 @@ fn escape(text: &str) -> String {
 
 fn pictures(out: &mut String, s: &SubjectReport) -> Result<()> {
     let _ = writeln!(out, "<h3>{}</h3>", escape(&s.name));
+    // The reference stands beside each pair, and alone where there is none.
+    let reference = s.shown.first().filter(|_| s.shown.len() > 1);
     let mut groups: Vec<(&str, Vec<&Shown>)> = Vec::new();
-    for shown in &s.shown {
+    for shown in &s.shown[usize::from(reference.is_some())..] {
         match groups.last_mut() {
             Some((name, list)) if *name == shown.group => list.push(shown),
             _ => groups.push((&shown.group, vec![shown])),
@@ -139,7 +154,7 @@ fn pictures(out: &mut String, s: &SubjectReport) -> Result<()> {
     }
     for (name, list) in groups {
         let _ = writeln!(out, "<h4>{}</h4>\n<div class=\"pictures\">", escape(name));
-        for shown in list {
+        for shown in reference.into_iter().chain(list) {
             let _ = writeln!(out, "<div>{}", image(&raster::picture_png(&shown.picture, s.exposure)?, &shown.title));
             if let Some(difference) = &shown.difference {
                 let png = raster::heat_png(shown.picture.width, shown.picture.height, difference)?;
@@ -197,7 +212,8 @@ fn tables(out: &mut String, s: &SubjectReport) {
             format!("{:.4}", p.flip),
         ]
     });
-    let note = format!("pictures of {}×{} pixels against {}", s.pixels[0], s.pixels[1], escape(&s.image_reference));
+    let [[w, h], [x, y]] = [s.pixels, s.judged];
+    let note = format!("frames of {w}×{h} pixels, judged at {x}×{y} by the same camera against {}", escape(&s.image_reference));
     table(out, &["field of the frame", "viewing step", "field", "relight", "frame", "relative RMSE [95 %]", "FLIP"], &note, frames);
 }
 

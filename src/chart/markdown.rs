@@ -22,7 +22,10 @@ pub fn tables_md(report: &Report) -> String {
         row(&mut out, &candidates::name(&v), report, of);
     }
     out += "\nPicture: relative RMSE against path-traced single scattering [95 %], device time of the frame.\n\n";
-    let noise = |s: &SubjectReport| format!("{}×{} pixels, reference ± {:.4}", s.pixels[0], s.pixels[1], s.image_reference_error);
+    let noise = |s: &SubjectReport| {
+        let [[w, h], [x, y]] = [s.pixels, s.judged];
+        format!("{w}×{h} pixels, judged at {x}×{y}, noise of the reference {:.4}", s.image_reference_error)
+    };
     head(&mut out, "field of the frame", report, noise);
     let mut names: Vec<&str> = Vec::new();
     let plain = |p: &&FramePoint| p.step == 1.0;

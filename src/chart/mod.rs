@@ -65,16 +65,18 @@ pub struct Options {
     pub seconds: f64,
     /// Field cells that errors are measured at, if time allows.
     pub probes: usize,
-    /// Pixels of a picture, at most.
+    /// Pixels of a frame that is timed, at most.
     pub pixels: usize,
+    /// Pixels of its picture whose error is judged, at most: the fewer, the less noise the reference of them has.
+    pub judged: usize,
 }
 
 impl Options {
     /// Under ten minutes on two cores.
-    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 240 * 180 };
+    pub const FULL: Self = Self { seconds: 540.0, probes: 1024, pixels: 240 * 180, judged: 160 * 120 };
 
     /// Under one minute on two cores.
-    pub const QUICK: Self = Self { seconds: 48.0, probes: 192, pixels: 160 * 120 };
+    pub const QUICK: Self = Self { seconds: 48.0, probes: 192, pixels: 160 * 120, judged: 96 * 72 };
 }
 
 /// A chart of a report.
@@ -154,6 +156,7 @@ fn measure_subject(engine: &Engine, subject: &Subject, options: &Options, clock:
         image_reference_wanted: 0.0,
         floor: String::new(),
         pixels: [0; 2],
+        judged: [0; 2],
         frames: Vec::new(),
         levels: Vec::new(),
         savings: Vec::new(),

@@ -159,8 +159,10 @@ pub struct SubjectReport {
     /// What [`levels`](Self::levels) are the error of: "SH-exact", the reference picture under the light cut to so many bands,
     /// or, for shaded surfaces, the densest field that was affordable.
     pub floor: String,
-    /// Width and height of the pictures.
+    /// Width and height of the frames that were timed.
     pub pixels: [usize; 2],
+    /// Of the pictures whose errors were judged, by the same camera.
+    pub judged: [usize; 2],
     /// Frames.
     pub frames: Vec<FramePoint>,
     /// What more bands would bring.

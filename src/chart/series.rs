@@ -98,13 +98,14 @@ pub fn packing(report: &Report) -> Chart {
             points.sort_by_key(|p| p.visibility.bands);
             let mark = |p: &FieldPoint, style: usize| {
                 let (bands, bits, error) = (p.visibility.bands, [8, 16, 32][style], [p.packed[1], p.packed[0], p.error][style]);
+                // Packing moves the error, not how sure it is.
+                let interval = p.interval.map(|end| end * error / p.error);
                 let bytes = pack::groups(bands) as f64 * f64::from(pack::formats(bands, bits).0.bytes());
                 let label = if bits == 8 { candidates::counted_bands(bands) } else { String::new() };
-                Mark { style, at: [bytes, error], spread: None, interval: None, hollow: false, front: false, label }
+                Mark { style, at: [bytes, error], spread: None, interval: Some(interval), hollow: false, front: false, label }
             };
             let mut marks: Vec<Mark> = (0..styles.len()).flat_map(|style| points.iter().map(move |p| mark(p, style))).collect();
-            // All of the same probes and sums: there is no noise between them.
-            let front = pareto::front(&marks.iter().map(|m| m.at.map(|v| [v; 2])).collect::<Vec<_>>());
+            let front = pareto::front(&marks.iter().map(|m| [[m.at[0]; 2], m.interval.unwrap_or([m.at[1]; 2])]).collect::<Vec<_>>());
             marks.iter_mut().zip(front).for_each(|(m, front)| m.front = front);
             let chains = (0..styles.len()).map(|style| (style * points.len()..(style + 1) * points.len()).collect()).collect();
             if !marks.is_empty() {
@@ -115,7 +116,7 @@ pub fn packing(report: &Report) -> Chart {
     }
     Chart {
         title: "Field error against memory".into(),
-        subtitle: "one setting of each estimator with 1 to 4 bands, packed in 8, 16 and 32 bits; bands that are left out count as zero"
+        subtitle: "one setting of each estimator with 1 to 4 bands, packed in 8, 16 and 32 bits; bands that are left out count as zero; bars: 95 %"
             .into(),
         x: "bytes a cell".into(),
         y: "relative L2 error, after packing".into(),
@@ -153,7 +154,7 @@ pub fn frame_error(report: &Report) -> Chart {
             let mut chain: Vec<usize> = (0..s.frames.len()).filter(|&i| Some(&s.frames[i].visibility) == varied.as_ref()).collect();
             chain.sort_by(|&a, &b| s.frames[a].step.total_cmp(&s.frames[b].step));
             Panel {
-                title: format!("{}, {}×{} pixels", s.name, s.pixels[0], s.pixels[1]),
+                title: format!("{}, {}×{} pixels, judged at {}×{}", s.name, s.pixels[0], s.pixels[1], s.judged[0], s.judged[1]),
                 marks: s.frames.iter().map(frame_mark).collect(),
                 levels: levels(s),
                 chains: vec![chain],

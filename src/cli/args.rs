@@ -151,7 +151,7 @@ pub fn command() -> Command {
                     path("scenes", "SCENE", "scene files (.toml), or volumes to show with default settings; none: a built-in scene")
                         .num_args(0..),
                 )
-                .arg(path("out", "DIR", "where the report goes").short('o').long("out").required(true))
+                .arg(path("out", "DIR", "where the report goes; in a checkout of halflight a record goes into its benches/records, too").short('o').long("out").required(true))
                 .arg(Arg::new("quick").long("quick").action(ArgAction::SetTrue).help("under a minute: fewer settings, fewer probes"))
                 .arg(
                     Arg::new("budget")

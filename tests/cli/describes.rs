@@ -1,0 +1,101 @@
+//! `info` and `light`.
+
+use super::*;
+
+#[test]
+fn info_describes_volumes_and_scenes() {
+    let f = Folder::new("info");
+    f.volume();
+    let json = |arguments: &[&str]| -> Value {
+        let out = halflight(&f.0, arguments);
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let v = json(&["info", "v.nrrd", "--json"]);
+    assert_eq!((&v["kind"], &v["volume"]["dims"]), (&"volume".into(), &serde_json::json!([4, 3, 2])));
+    assert_eq!(v["volume"]["range"], serde_json::json!([0.0, 23.0]));
+    f.file("r.bin", (0..24u8).collect::<Vec<_>>());
+    let raw = json(&["--json", "info", "r.bin", "--volume.dims", "[2, 3, 2]", "--set", "volume.type=int16", "--volume.endian=big"]);
+    // Big-endian pairs (0, 1), (2, 3), …, (22, 23).
+    assert_eq!(raw["volume"]["range"], serde_json::json!([1.0, 22.0 * 256.0 + 23.0]));
+    f.file("s.toml", "volume.file = 'v.nrrd'\nvisibility.ratio = 2\ncamera.fov = 50");
+    let s = json(&["info", "s.toml", "--camera.fov", "40", "--json"]);
+    assert_eq!((&s["kind"], &s["camera"]["fov"]), (&"scene".into(), &serde_json::json!(40.0)));
+    assert_eq!((&s["field"]["dims"], &s["given"]["camera.fov"]), (&serde_json::json!([2, 2, 1]), &"command line".into()));
+    let text = String::from_utf8(halflight(&f.0, &["info", "v.nrrd"]).stdout).unwrap();
+    assert!(text.contains("4x3x2 uint8, 24 B") && text.contains("0 to 23"), "{text}");
+    let mut nan = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 2 1 1\nencoding: raw\nendian: little\n\n".to_vec();
+    nan.extend([1f32, f32::NAN].iter().flat_map(|v| v.to_le_bytes()));
+    f.file("nan.nrrd", nan);
+    // Samples that are not finite are counted, and the rest described.
+    let v = json(&["info", "nan.nrrd", "--json"]);
+    assert_eq!((&v["volume"]["not_finite"], &v["volume"]["range"]), (&1.into(), &serde_json::json!([1.0, 1.0])));
+    let text = String::from_utf8(halflight(&f.0, &["info", "nan.nrrd"]).stdout).unwrap();
+    assert!(text.contains("1 of 2 samples are NaN or infinite; ") && text.contains("--nan-as VALUE"), "{text}");
+    f.file("none.raw", [f32::NAN, f32::INFINITY].map(f32::to_le_bytes).concat());
+    let text = halflight(&f.0, &["info", "none.raw", "--volume.dims", "2,1,1", "--volume.type", "float32"]).stdout;
+    assert!(String::from_utf8(text).unwrap().contains("none: no sample is finite"));
+    // It also says on stderr that samples were replaced.
+    let out = halflight(&f.0, &["info", "nan.nrrd", "--nan-as", "-5", "--json"]);
+    let v: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(v["volume"]["range"], serde_json::json!([-5.0, 1.0]));
+}
+
+#[test]
+fn info_describes_fields_and_probes() {
+    use halflight::scene::Grid;
+    let f = Folder::new("fields");
+    let json = |arguments: &[&str]| -> Value {
+        let out = halflight(&f.0, arguments);
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    // Half of the directions are seen from each of 3x2x1 cells: v₀₀ = √π.
+    let v00 = std::f32::consts::PI.sqrt();
+    for coefficients in [1, 4, 9, 16] {
+        let data: Vec<f32> = (0..6 * coefficients).map(|i| if i % coefficients == 0 { v00 } else { 7.0 }).collect();
+        let grid = Grid::axis_aligned([6, 4, 2], [0.5, 1.0, 2.0]).unwrap();
+        let meta = [("scene".to_string(), "[volume]\nfile = \"v.nrrd\"".to_string()), ("device".into(), "d".into())];
+        halflight::io::write_nrrd_field(&f.0.join("field.nrrd"), [3, 2, 1], coefficients, &data, &grid, &meta).unwrap();
+        let v = json(&["info", "field.nrrd", "--json"]);
+        assert_eq!((&v["kind"], &v["file"]), (&"field".into(), &"field.nrrd".into()));
+        assert_eq!((&v["field"]["dims"], &v["field"]["coefficients"]), (&serde_json::json!([3, 2, 1]), &coefficients.into()));
+        assert_eq!(v["field"]["spacing"], serde_json::json!([1.0, 2.0, 4.0]));
+        assert!((v["field"]["visible"].as_f64().unwrap() - 0.5).abs() < 1e-6);
+        assert_eq!(v["meta"]["scene"], meta[0].1.as_str());
+        let text = String::from_utf8(halflight(&f.0, &["info", "field.nrrd"]).stdout).unwrap();
+        assert!(text.contains(&format!("3x2x1 cells, {coefficients} coefficients")), "{text}");
+        assert!(text.contains("50.00 %") && text.contains("\n  file = \"v.nrrd\"\n") && text.contains("device     d"), "{text}");
+    }
+    fails(&f, &["info", "field.nrrd", "--volume.nan_as", "3"], 2, "`volume.nan_as` changes nothing in the description of a field");
+    let whole = std::fs::read(f.0.join("field.nrrd")).unwrap();
+    f.file("field.nrrd", &whole[..whole.len() - 1]);
+    fails(&f, &["info", "field.nrrd"], 3, "the file is cut short");
+    grey(&f);
+    let v = json(&["info", "grey.hdr", "--json"]);
+    assert_eq!((&v["kind"], &v["file"], &v["width"]), (&"probe".into(), &"grey.hdr".into(), &8.into()));
+    let text = String::from_utf8(halflight(&f.0, &["info", "grey.hdr"]).stdout).unwrap();
+    assert!(text.contains("grey.hdr, 8x4 pixels"), "{text}");
+}
+
+#[test]
+fn light_projects_a_probe() {
+    let f = Folder::new("light");
+    // 8x4 Radiance pixels of (1, ½, ¼): mantissas 128, 64, 32 at exponent 129 (2^(129−136) = 1/128).
+    let mut hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".to_vec();
+    hdr.extend([128, 64, 32, 129].repeat(32));
+    f.file("grey.hdr", hdr);
+    let out = halflight(&f.0, &["light", "grey.hdr", "--json", "--light.scale", "2", "-o", "both.png"]);
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    let v: Value = serde_json::from_slice(&out.stdout).unwrap();
+    // A constant's only coefficient is 2·L·√(4π), and its radiance is 2·L everywhere.
+    let l00 = v["coefficients"][0][0].as_f64().unwrap();
+    assert!((l00 / (2.0 * (4.0 * std::f64::consts::PI).sqrt()) - 1.0).abs() < 0.02, "{l00}");
+    assert!((v["coefficients"][0][1].as_f64().unwrap() / l00 - 0.5).abs() < 0.02);
+    let up = &v["radiance"]["+z"];
+    assert!((up["projected"][0].as_f64().unwrap() - up["probe"][0].as_f64().unwrap()).abs() < 0.02);
+    assert!(std::fs::metadata(f.0.join("both.png")).unwrap().len() > 100);
+    let text = String::from_utf8(halflight(&f.0, &["light", "grey.hdr"]).stdout).unwrap();
+    assert!(text.contains("band 0") && text.contains("-z"), "{text}");
+}

@@ -1,0 +1,122 @@
+//! Where outputs go, and what is left when something fails.
+
+use super::*;
+
+#[test]
+fn no_device_is_4() {
+    let f = Folder::new("device");
+    f.volume();
+    let out = Command::new(env!("CARGO_BIN_EXE_halflight"))
+        .current_dir(&f.0)
+        .args(["render", "v.nrrd", "-o", "x.png", "--json"])
+        .env("VK_DRIVER_FILES", "/nonexistent/icd.json")
+        .env("VK_ICD_FILENAMES", "/nonexistent/icd.json")
+        .output()
+        .unwrap();
+    assert_eq!(out.status.code(), Some(4), "{}", String::from_utf8_lossy(&out.stderr));
+    let object: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!(object["error"].as_str().unwrap().contains("Vulkan device"), "{object}");
+    assert!(!f.0.join("x.png").exists());
+}
+
+#[test]
+fn demo_without_a_device_leaves_no_folder() {
+    let f = Folder::new("nodemo");
+    let run = |arguments: &[&str], driver: Option<&str>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_halflight"));
+        for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+            driver.map(|d| command.env(name, d));
+        }
+        command.current_dir(&f.0).args(arguments).output().unwrap().status.code()
+    };
+    assert_eq!(run(&["demo", "-o", "a/b"], Some("/nonexistent/icd.json")), Some(4));
+    assert!(names(&f.0).is_empty());
+    if device() {
+        // Neither does one with too little memory.
+        assert_eq!(run(&["demo", "-o", "a/b", "--memory", "1K"], None), Some(5));
+        assert!(names(&f.0).is_empty());
+        std::fs::create_dir(f.0.join("mine")).unwrap();
+        assert_eq!(run(&["demo", "-o", "mine", "--memory", "1K"], None), Some(5));
+        assert!(f.0.join("mine").is_dir(), "a folder that was there stays");
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn outputs_go_where_the_user_means() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let f = Folder::new("outputs");
+    f.volume();
+    grey(&f);
+    std::fs::hard_link(f.0.join("v.nrrd"), f.0.join("hard.png")).unwrap();
+    std::fs::hard_link(f.0.join("grey.hdr"), f.0.join("grey.png")).unwrap();
+    symlink("v.nrrd", f.0.join("soft.png")).unwrap();
+    assert!(Command::new("mkfifo").arg(f.0.join("pipe.png")).status().unwrap().success());
+    for (arguments, part) in [
+        (["render", "v.nrrd", "-o", "hard.png"], "hard.png: is an input of this command"),
+        (["render", "v.nrrd", "-o", "soft.png"], "soft.png: is an input of this command"),
+        (["light", "grey.hdr", "-o", "grey.png"], "grey.png: is an input of this command"),
+        (["render", "v.nrrd", "-o", "o.png/"], "o.png/: is a folder; name a file"),
+        (["render", "v.nrrd", "-o", "o.png/."], "o.png/.: is a folder; name a file"),
+        (["render", "v.nrrd", "-o", "pipe.png"], "pipe.png: is a pipe or a device; name a regular file"),
+        (["render", "v.nrrd", "-o", "v.nrrd/x.png"], "v.nrrd: cannot write into this folder: a part of the path is a file"),
+    ] {
+        let code = if part.contains("cannot") { 3 } else { 2 };
+        fails(&f, &arguments, code, part);
+    }
+    // A link is written through; what it leads to keeps its permissions.
+    std::fs::create_dir(f.0.join("d")).unwrap();
+    f.file("d/real.png", "old");
+    std::fs::set_permissions(f.0.join("d/real.png"), std::fs::Permissions::from_mode(0o600)).unwrap();
+    symlink("d/real.png", f.0.join("link.png")).unwrap();
+    assert_eq!(halflight(&f.0, &["light", "grey.hdr", "-o", "link.png"]).status.code(), Some(0));
+    let real = std::fs::metadata(f.0.join("d/real.png")).unwrap();
+    assert!(real.len() > 100 && real.permissions().mode() & 0o777 == 0o600);
+    assert!(f.0.join("link.png").symlink_metadata().unwrap().is_symlink());
+    // New files are what the umask leaves; a limit of file sizes is a sentence, not a signal.
+    let shell = |script: &str| {
+        let script = format!("{script} {} light grey.hdr -o new.exr", env!("CARGO_BIN_EXE_halflight"));
+        Command::new("sh").args(["-c", &script]).current_dir(&f.0).output().unwrap()
+    };
+    let out = shell("ulimit -f 1;");
+    if Path::new("/proc/self/limits").exists() {
+        let stderr = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(3), "{stderr}");
+        assert!(stderr.contains("new.exr: cannot write: it would be larger than files may become here"), "{stderr}");
+        assert!(!f.0.join("new.exr").exists());
+    }
+    for (umask, mode) in [("027", 0o640), ("000", 0o666)] {
+        let _ = std::fs::remove_file(f.0.join("new.exr"));
+        assert_eq!(shell(&format!("umask {umask};")).status.code(), Some(0));
+        assert_eq!(std::fs::metadata(f.0.join("new.exr")).unwrap().permissions().mode() & 0o777, mode);
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_stdout_does_not_hide_what_was_written() {
+    let f = Folder::new("full");
+    grey(&f);
+    for arguments in [&["light", "grey.hdr", "-o", "x.png"][..], &["light", "grey.hdr", "-o", "x.png", "--json"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let out = Command::new(env!("CARGO_BIN_EXE_halflight")).current_dir(&f.0).args(arguments).stdout(full).output().unwrap();
+        let stderr = String::from_utf8(out.stderr).unwrap();
+        assert_eq!(out.status.code(), Some(3), "{stderr}");
+        assert!(stderr.contains("standard output: cannot write: ") && stderr.contains("; x.png was written all the same"), "{stderr}");
+        std::fs::remove_file(f.0.join("x.png")).unwrap();
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_halflight"))
+        .args(["render", "--help"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let out = child.wait_with_output().unwrap();
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+}

@@ -1,0 +1,90 @@
+//! Work on a device: pictures, fields, memory.
+
+use super::*;
+
+#[test]
+fn render_makes_a_picture_and_says_what_it_took() {
+    if !device() {
+        return;
+    }
+    let f = Folder::new("render");
+    sphere(&f);
+    let run = |arguments: &[&str]| {
+        let out = halflight(&f.0, arguments);
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+        String::from_utf8(out.stdout).unwrap()
+    };
+    let v: Value = serde_json::from_str(&run(&["render", "scene.toml", "-o", "a.exr", "--json"])).unwrap();
+    assert_eq!(v["field"]["dims"], serde_json::json!([8, 6, 4]));
+    assert_eq!(v["picture"], serde_json::json!({ "width": 40, "height": 30 }));
+    let kernels: Vec<&str> = v["timings"].as_array().unwrap().iter().map(|t| t["kernel"].as_str().unwrap()).collect();
+    assert!(["classify", "minify", "hierarchical", "raymarch"].iter().all(|k| kernels.contains(k)), "{kernels:?}");
+    assert!(v["memory"]["peak"].as_u64().unwrap() > 0 && v["device"]["name"].is_string() && v["seconds"].is_f64());
+    let a = halflight::io::read_picture_exr(&f.0.join("a.exr")).unwrap();
+    assert_eq!((a.width, a.height), (40, 30));
+    // The sphere is in the middle, the corner is empty; nearly unoccluded, it sends back its albedo's colour.
+    let middle = a.rgba[15 * 40 + 20];
+    assert!(middle[3] > 0.9 && middle[0] > 0.15 && middle[0] <= 1.01, "{middle:?}");
+    assert!((middle[1] / middle[0] - 0.5).abs() < 1e-3 && a.rgba[0] == [0.0; 4], "{middle:?}");
+    // An override shows: twice the light, twice the radiance; a background fills what was empty.
+    run(&["render", "scene.toml", "-o", "b.exr", "--light.scale", "2", "--image.background", "light"]);
+    let b = halflight::io::read_picture_exr(&f.0.join("b.exr")).unwrap();
+    assert_eq!(b.rgba[0], [2.0, 2.0, 2.0, 1.0]);
+    let expected = 2.0 * middle[0] + (1.0 - middle[3]) * 2.0;
+    assert!((b.rgba[15 * 40 + 20][0] - expected).abs() < 0.02 * expected);
+    let text = run(&["render", "scene.toml", "-o", "c.png", "--surface.iso", "100", "--surface.shading", "isotropic"]);
+    assert!(["device", "16x12x8 uint8", "needs about", "isosurface", "c.png after"].iter().all(|p| text.contains(p)), "{text}");
+    assert!(std::fs::metadata(f.0.join("c.png")).unwrap().len() > 100);
+}
+
+#[test]
+fn precompute_writes_the_field() {
+    if !device() {
+        return;
+    }
+    let f = Folder::new("precompute");
+    sphere(&f);
+    let out = halflight(&f.0, &["precompute", "scene.toml", "-o", "field.nrrd", "--visibility.bands", "3", "--json"]);
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    let info: Value = serde_json::from_slice(&halflight(&f.0, &["info", "field.nrrd", "--json"]).stdout).unwrap();
+    assert_eq!((&info["kind"], &info["field"]["coefficients"]), (&"field".into(), &9.into()));
+    assert!(info["meta"]["scene"].as_str().unwrap().contains("bands = 3"), "{info}");
+    let field = halflight::io::read_nrrd_field(&f.0.join("field.nrrd"), &Default::default()).unwrap();
+    assert_eq!((field.coefficients, field.grid.dims()), (9, [8, 6, 4]));
+    // The corner sees nearly all of the sky: v₀₀ near 2√π. The middle of the sphere sees little of it.
+    let most = 2.0 * std::f32::consts::PI.sqrt();
+    let middle = field.data[9 * (4 + 8 * (3 + 6 * 2))];
+    assert!(field.data[0] > 0.9 * most && field.data[0] <= 1.01 * most && middle < 0.5 * most, "{} {middle}", field.data[0]);
+    // Sabotage of the same comparison: without matter the middle sees all.
+    let vacuum = ["precompute", "scene.toml", "-o", "field.nrrd", "--transfer.points", "[[0, 1, 1, 1, 0]]", "--visibility.cells", "all"];
+    let out = halflight(&f.0, &vacuum);
+    assert_eq!(out.status.code(), Some(0));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("the picture will be empty"));
+    let field = halflight::io::read_nrrd_field(&f.0.join("field.nrrd"), &Default::default()).unwrap();
+    assert!(field.data[16 * (4 + 8 * (3 + 6 * 2))] > 0.99 * most);
+    // Cells that no renderer reads are zero unless all are asked for.
+    assert_eq!(halflight(&f.0, &vacuum[..6]).status.code(), Some(0));
+    let field = halflight::io::read_nrrd_field(&f.0.join("field.nrrd"), &Default::default()).unwrap();
+    assert!(field.data.iter().all(|&v| v == 0.0));
+}
+
+#[test]
+fn too_little_memory_is_5_and_an_unknown_device_4() {
+    if !device() {
+        return;
+    }
+    let f = Folder::new("memory");
+    sphere(&f);
+    let out = halflight(&f.0, &["render", "scene.toml", "-o", "x.png", "--memory", "1K"]);
+    let stderr = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(5), "{stderr}");
+    assert!(
+        stderr.contains("the volume of ")
+            && stderr.contains("of device memory, 1.0 KiB of 1.0 KiB are free")
+            && stderr.contains("resample")
+            && !f.0.join("x.png").exists(),
+        "{stderr}"
+    );
+    fails(&f, &["render", "scene.toml", "-o", "x.png", "--device", "no such device"], 4, "no such device");
+}
