@@ -216,6 +216,7 @@ pub(super) fn slope(points: &[(f64, f64)]) -> f64 {
 }
 
 /// What each method is held to in a case, and why.
+#[derive(Clone, Copy)]
 pub(super) struct Expected {
     /// Dense march.
     pub(super) march: (Bound, &'static str),
