@@ -4,15 +4,10 @@ mod common;
 use common::*;
 use halflight::scene::grid::glam::DVec3;
 use halflight::scene::visibility::Method;
-use halflight::scene::{Camera, Clip, Grid, ImageSettings, Light, Shading, Surface, Visibility, Volume};
+use halflight::scene::{Clip, Grid, ImageSettings, Light, Shading, Surface, Visibility, Volume};
 use halflight::stages::aov::{self, Behind};
 use halflight::stages::raymarch::View;
 use halflight::stages::twin;
-
-fn camera(grid: &Grid, offset: [f64; 3], fov: f64) -> Camera {
-    let centre = grid.centre_world();
-    Camera { position: centre + DVec3::from(offset) * grid.longest_side(), target: centre, up: DVec3::Z, fov_degrees: fov }
-}
 
 fn numbers(b: &Behind) -> Vec<f32> {
     [&[b.first, b.depth, b.visibility, b.opacity], &b.normal[..], &b.albedo, &b.irradiance].concat()

@@ -7,7 +7,7 @@ use halflight::measure::field_error;
 use halflight::scene::camera::Space;
 use halflight::scene::grid::glam::DVec3;
 use halflight::scene::visibility::{Cells, Method};
-use halflight::scene::{Camera, Clip, Grid, ImageSettings, Light, Matter, Probe, Shading, Sky, Surface, Visibility, Volume};
+use halflight::scene::{Clip, Grid, ImageSettings, Light, Matter, Probe, Shading, Sky, Surface, Visibility, Volume};
 use halflight::stages::directions::Directions;
 use halflight::stages::raymarch::{self, View};
 use halflight::stages::{classify, march, sweep};
@@ -28,11 +28,6 @@ fn grids() -> [Grid; 3] {
         Grid::axis_aligned([17, 13, 11], [1.0, 1.0, 5.0]).expect("grid"),
         oblique([9, 14, 7]),
     ]
-}
-
-fn camera(grid: &Grid, offset: [f64; 3], fov: f64) -> Camera {
-    let centre = grid.centre_world();
-    Camera { position: centre + DVec3::from(offset) * grid.longest_side(), target: centre, up: DVec3::Z, fov_degrees: fov }
 }
 
 #[test]

@@ -60,12 +60,7 @@ fn an_opaque_sheet_blocks_half_of_the_axes_pairs() {
 fn classify_and_minify_equal_their_twins() {
     let engine = engine();
     // Powers of two, odd, prime, a dimension of 1, anisotropic and oblique.
-    let grids = [
-        Grid::axis_aligned([16, 8, 32], [1.0; 3]).expect("grid"),
-        Grid::axis_aligned([17, 13, 11], [1.0, 1.0, 5.0]).expect("grid"),
-        Grid::axis_aligned([19, 1, 6], [0.7, 2.0, 1.0]).expect("grid"),
-        oblique([9, 14, 7]),
-    ];
+    let grids = awkward_grids([16, 8, 32]);
     for (g, grid) in grids.into_iter().enumerate() {
         let volume = blobs(grid, 7 + g as u64);
         let matter = linear(1.5);

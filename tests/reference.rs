@@ -12,11 +12,6 @@ use halflight::stages::raymarch::View;
 use halflight::stages::{majorant, trace};
 use std::ops::ControlFlow;
 
-fn camera(grid: &Grid, offset: [f64; 3], fov: f64) -> Camera {
-    let centre = grid.centre_world();
-    Camera { position: centre + DVec3::from(offset) * grid.longest_side(), target: centre, up: DVec3::Z, fov_degrees: fov }
-}
-
 fn image(width: usize, height: usize) -> ImageSettings {
     ImageSettings { width, height, ..ImageSettings::default() }
 }
@@ -322,12 +317,17 @@ fn tracing_equals_its_twin() {
     }
 }
 
-#[test]
-fn splitting_the_work_changes_no_bit() {
+/// Blobs, and a camera that sees all of them.
+fn small_scene() -> (Checked, Medium, Camera) {
     let engine = engine();
     let grid = Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid");
     let (_, medium) = load(&engine, &blobs(grid, 5), &linear(0.8));
-    let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
+    (engine, medium, camera(&grid, [1.6, -1.9, 1.1], 30.0))
+}
+
+#[test]
+fn splitting_the_work_changes_no_bit() {
+    let (engine, medium, camera) = small_scene();
     let sky = Sky::from_probe(&Probe::two_colored());
     let run =
         |first: u32, samples: u32| render(&engine, &medium, &sky, &camera, &image(40, 30), &ReferenceSettings { first, ..all(samples) });
@@ -341,10 +341,7 @@ fn splitting_the_work_changes_no_bit() {
 
 #[test]
 fn its_standard_error_is_the_scatter_between_seeds_and_falls_with_the_root_of_samples() {
-    let engine = engine();
-    let grid = Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid");
-    let (_, medium) = load(&engine, &blobs(grid, 5), &linear(0.8));
-    let camera = camera(&grid, [1.6, -1.9, 1.1], 30.0);
+    let (engine, medium, camera) = small_scene();
     let sky = Sky::from_probe(&Probe::two_colored());
     let run =
         |seed: u32, samples: u32| render(&engine, &medium, &sky, &camera, &image(24, 18), &ReferenceSettings { seed, ..all(samples) });
@@ -369,10 +366,8 @@ fn its_standard_error_is_the_scatter_between_seeds_and_falls_with_the_root_of_sa
 
 #[test]
 fn it_stops_when_told_and_keeps_what_was_finished() {
-    let engine = engine();
-    let grid = Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid");
-    let (_, medium) = load(&engine, &blobs(grid, 5), &linear(0.8));
-    let (camera, sky) = (camera(&grid, [1.6, -1.9, 1.1], 30.0), Sky::constant([1.0; 3]).expect("sky"));
+    let (engine, medium, camera) = small_scene();
+    let sky = Sky::constant([1.0; 3]).expect("sky");
     let wanted = ReferenceSettings { error: 0.04, ..ReferenceSettings::default() };
     let mut told = vec![];
     let mut watch = |_: &'static str, f: f32| {

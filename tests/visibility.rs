@@ -122,13 +122,8 @@ fn an_opaque_half_space_has_the_zonal_coefficients_of_a_step() {
     assert!((f64::from(v[2]) + sh::zonal_half_space(1)).abs() > 0.06);
 }
 
-fn grids() -> Vec<Grid> {
-    vec![
-        Grid::axis_aligned([24, 20, 16], [1.0; 3]).expect("grid"),
-        Grid::axis_aligned([17, 13, 11], [1.0, 1.0, 5.0]).expect("grid"),
-        Grid::axis_aligned([19, 1, 6], [0.7, 2.0, 1.0]).expect("grid"),
-        oblique([9, 14, 7]),
-    ]
+fn grids() -> [Grid; 4] {
+    awkward_grids([24, 20, 16])
 }
 
 fn cells_of(dims: [usize; 3], count: usize) -> Vec<u32> {

@@ -6,7 +6,7 @@ pub mod sequence;
 
 use halflight::engine::{DeviceVolume, Engine, Medium, Options};
 use halflight::scene::transfer::{Kind, Reference};
-use halflight::scene::{Grid, Matter, Surface, Transfer, Volume};
+use halflight::scene::{Camera, Grid, Matter, Surface, Transfer, Volume};
 use std::ops::{ControlFlow, Deref};
 
 /// An engine with validation on; dropping it fails the test if the layers (core and synchronization) said anything.
@@ -95,6 +95,13 @@ pub fn load(engine: &Engine, volume: &Volume, matter: &Matter) -> (DeviceVolume,
     (uploaded, medium)
 }
 
+/// A camera that looks at the middle of a grid from so many of its longest sides away.
+pub fn camera(grid: &Grid, offset: [f64; 3], fov: f64) -> Camera {
+    use halflight::scene::grid::glam::DVec3;
+    let centre = grid.centre_world();
+    Camera { position: centre + DVec3::from(offset) * grid.longest_side(), target: centre, up: DVec3::Z, fov_degrees: fov }
+}
+
 /// An oblique, anisotropic frame.
 pub fn oblique(dims: [usize; 3]) -> Grid {
     use halflight::scene::grid::glam::{DAffine3, DVec3};
@@ -107,6 +114,16 @@ pub fn oblique(dims: [usize; 3]) -> Grid {
         translation: DVec3::new(-3.0, 7.0, 11.0),
     };
     Grid::new(dims, map).expect("a valid grid")
+}
+
+/// A plain grid, and those that fit nothing: anisotropic primes, a dim of 1, an oblique frame.
+pub fn awkward_grids(plain: [usize; 3]) -> [Grid; 4] {
+    [
+        Grid::axis_aligned(plain, [1.0; 3]).expect("grid"),
+        Grid::axis_aligned([17, 13, 11], [1.0, 1.0, 5.0]).expect("grid"),
+        Grid::axis_aligned([19, 1, 6], [0.7, 2.0, 1.0]).expect("grid"),
+        oblique([9, 14, 7]),
+    ]
 }
 
 /// Largest absolute difference, with where.
