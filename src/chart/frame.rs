@@ -169,7 +169,8 @@ pub fn judge(frames: &Frames, pictures: &[Picture], truth: Truth, report: &mut S
     }
     report.image_reference.clone_from(&truth.how);
     report.image_reference_error = truth.error;
-    report.shown.insert(0, Shown { group: "Reference".into(), title: truth.how, picture: truth.picture, difference: None });
+    let title = format!("the reference: {}", truth.how);
+    report.shown.insert(0, Shown { group: "Reference".into(), title, picture: truth.picture, difference: None });
 }
 
 /// The pyramid's best picture at a ratio, and the best one of a sweep at a finer ratio whose field took no longer.

@@ -16,7 +16,7 @@ const STYLE: &str = include_str!("report.css");
 /// # Errors
 /// [`crate::Error::Invalid`] for a picture that cannot be drawn.
 pub fn report_html(report: &Report, machine: &Machine) -> Result<String> {
-    let [field_error, packing, frame_error, savings] = figures(report);
+    let [field_error, other_ratios, packing, frame_error, savings] = figures(report);
     let names: Vec<&str> = report.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut out = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -39,6 +39,9 @@ pub fn report_html(report: &Report, machine: &Machine) -> Result<String> {
     );
     section(&mut out, "Field error", FIELD_TEXT);
     figure(&mut out, &field_error, "Field error against time")?;
+    if report.subjects.iter().any(|s| s.fields.iter().any(|p| p.ratio != s.ratio)) {
+        figure(&mut out, &other_ratios, "Field error against time at other ratios")?;
+    }
     section(&mut out, "Bands and bits", PACKING_TEXT);
     figure(&mut out, &packing, "Field error against memory")?;
     section(&mut out, "Image error", IMAGE_TEXT);

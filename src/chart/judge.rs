@@ -34,7 +34,7 @@ pub struct Truth {
 impl Truth {
     /// Of a picture that was path-traced.
     fn of(r: Reference) -> Self {
-        let how = format!("path-traced single scattering, {} samples a pixel, its own error {:.4}", r.samples, r.relative_error);
+        let how = format!("path-traced single scattering, {} samples a pixel, its own noise {:.4}", r.samples, r.relative_error);
         Self { picture: r.picture, how, error: r.relative_error }
     }
 

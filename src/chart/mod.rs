@@ -115,10 +115,11 @@ impl Figure<'_> {
     }
 }
 
-/// All charts of a report: `field_error`, `packing`, `frame_error`, `savings`.
-pub fn figures(report: &Report) -> [Figure<'_>; 4] {
+/// All charts of a report: `field_error`, `other_ratios`, `packing`, `frame_error`, `savings`.
+pub fn figures(report: &Report) -> [Figure<'_>; 5] {
     [
         Figure { name: "field_error", drawing: Drawing::Scatter(series::field_error(report)) },
+        Figure { name: "other_ratios", drawing: Drawing::Scatter(series::other_ratios(report)) },
         Figure { name: "packing", drawing: Drawing::Scatter(series::packing(report)) },
         Figure { name: "frame_error", drawing: Drawing::Scatter(series::frame_error(report)) },
         Figure { name: "savings", drawing: Drawing::Bars(bars::Bars::of(report)) },

@@ -57,20 +57,28 @@ fn ratios(s: &SubjectReport) -> Vec<u32> {
     ratios
 }
 
-/// Time against field error: one panel per subject and ratio.
+/// Time against field error: one panel per subject.
 pub fn field_error(report: &Report) -> Chart {
+    field_chart(report, "Field error against time", |s| vec![s.ratio])
+}
+
+/// The same at the ratios beside it.
+pub fn other_ratios(report: &Report) -> Chart {
+    field_chart(report, "Field error against time at other ratios", |s| ratios(s).into_iter().filter(|&r| r != s.ratio).collect())
+}
+
+fn field_chart(report: &Report, title: &str, of: impl Fn(&SubjectReport) -> Vec<u32>) -> Chart {
     let mut panels = Vec::new();
     for s in &report.subjects {
-        for ratio in ratios(s) {
+        for ratio in of(s) {
             let marks: Vec<Mark> = s.fields.iter().filter(|p| p.ratio == ratio).map(field_mark).collect();
             let probes = s.references.iter().find(|r| r.ratio == ratio).map_or(0, |r| r.probes);
             panels.push(Panel { title: format!("{}, 1:{ratio}, {probes} probes", s.name), marks, ..Panel::default() });
         }
     }
     let hollow = panels.iter().any(|p| p.marks.iter().any(|m| m.hollow));
-    let columns = report.subjects.iter().map(|s| ratios(s).len()).max().unwrap_or(1);
     Chart {
-        title: "Field error against time".into(),
+        title: title.into(),
         subtitle:
             "relative L2 over 16 coefficients at cells near matter, against march with 4,096 directions and steps of ¼ voxel; bars: 95 %, range of three runs"
                 .into(),
@@ -79,7 +87,7 @@ pub fn field_error(report: &Report) -> Chart {
         styles: styles(),
         notes: if hollow { vec!["hollow: time extrapolated from cells drawn at random".into()] } else { Vec::new() },
         panels,
-        columns,
+        columns: 2,
     }
 }
 
