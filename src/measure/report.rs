@@ -1,6 +1,6 @@
 //! The measured error of a computed field: before packing and after it, whole and by band, within a budget of time.
 
-use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near_matter, reference};
+use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near, reference};
 use crate::engine::{Engine, Field, Medium, Progress};
 use crate::error::{Error, Result};
 use crate::scene::visibility::Method;
@@ -39,6 +39,8 @@ pub struct Plan {
     pub cells: Vec<u32>,
     /// Seconds of device time that the reference will take, by a pilot.
     pub seconds: f64,
+    /// Bytes of device memory that the reference takes.
+    pub bytes: u64,
     /// Whether the error before packing is measured too.
     pub before: bool,
     /// Seconds of device time that the second sweep will take, where there is one.
@@ -73,12 +75,27 @@ impl Plan {
     /// # Errors
     /// As [`Engine::estimate`].
     pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
-        let mut cells = draw(near_matter(engine, volume, medium, settings.ratio)?, PROBES[0], super::probes::SEED);
-        let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
+        Self::watched(engine, volume, medium, settings, budget, &mut |_, _| ControlFlow::Continue(()))
+    }
+
+    /// The same, told of its progress.
+    ///
+    /// # Errors
+    /// As [`Plan::new`], and [`Error::Cancelled`].
+    pub fn watched(
+        engine: &Engine,
+        volume: &Volume,
+        medium: &Medium,
+        settings: &Visibility,
+        budget: &Budget,
+        progress: &mut Progress,
+    ) -> Result<Self> {
+        let near = near(engine, volume, medium, settings.ratio, &mut |_, f| progress("probes", 0.5 * f))?;
+        let mut cells = draw(near, PROBES[0], super::probes::SEED);
         let mut pilot = |directions, cells: &[u32]| {
             let start = Instant::now();
             engine.take_timings();
-            engine.estimate(medium, &dense(settings.ratio, directions), cells, &mut quiet)?;
+            engine.estimate(medium, &dense(settings.ratio, directions), cells, &mut |_, f| progress("probes", 0.5 + 0.5 * f))?;
             Ok(seconds(engine, start))
         };
         let mut seconds = 0.0;
@@ -95,7 +112,8 @@ impl Plan {
         cells.sort_unstable();
         // Floats are stored as they are: there is nothing to run again.
         let again = if settings.method == Method::Sweep && settings.bits != 32 { budget.field_seconds } else { None };
-        Ok(Self { cells, seconds, before: again.is_none_or(|s| s <= budget.seconds), again: again.filter(|&s| s <= budget.seconds) })
+        let bytes = engine.marching_memory(medium, &dense(settings.ratio, REFERENCE_DIRECTIONS), cells.len())?;
+        Ok(Self { cells, seconds, bytes, before: again.is_none_or(|s| s <= budget.seconds), again: again.filter(|&s| s <= budget.seconds) })
     }
 }
 

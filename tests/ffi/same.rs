@@ -64,21 +64,24 @@ fn the_same_scene_is_the_same_picture() {
         ..init()
     };
     ok!(hl_light_create(engine.0, &info, &mut light));
-    let camera = hl_camera {
-        position: [1.2, -1.4, 0.9],
-        target: [0.05, 0.0, 0.0],
-        up: [0.1, 0.0, 1.0],
-        fov: 35.0,
-        space: HL_CAMERA_SIDE,
-        ..init::<hl_render_info>().camera
-    };
+    let camera =
+        hl_camera { position: [1.2, -1.4, 0.9], target: [0.05, 0.0, 0.0], up: [0.1, 0.0, 1.0], fov: 35.0, space: HL_CAMERA_SIDE, ..init() };
     let surface = hl_surface { iso: 100.0, ..init() };
     for (method, word) in [(HL_METHOD_SWEEP, "sweep"), (HL_METHOD_MARCH, "march"), (HL_METHOD_HIERARCHICAL, "hierarchical")] {
         for solid in [false, true] {
             let surface = if solid { &raw const surface } else { std::ptr::null() };
             let info = hl_precompute_info { volume, transfer, surface, method, ratio: 2, directions: 40, bits: 16, ..init() };
             let field = field(engine.0, &info);
-            let view = hl_render_info { field, light, camera, width: 60, height: 44, step: 0.7, background: HL_BACKGROUND_LIGHT, ..init() };
+            let view = hl_render_info {
+                field,
+                light,
+                camera: &camera,
+                width: 60,
+                height: 44,
+                step: 0.7,
+                background: HL_BACKGROUND_LIGHT,
+                ..init()
+            };
             let ours = pixels(self::image(engine.0, &view));
             let more = if solid { "background = \"light\"\n[surface]\niso = 100\n" } else { "background = \"light\"\n" };
             let theirs = by_command(folder.path(), &scene(word, more));
@@ -89,7 +92,8 @@ fn the_same_scene_is_the_same_picture() {
     // Sabotage: a slightly other light is another picture.
     ok!(hl_light_rotate(light, [0.3, 1.0, 0.2].as_ptr(), 40.5));
     let field = field(engine.0, &hl_precompute_info { volume, transfer, ratio: 2, directions: 40, bits: 16, ..quick(volume) });
-    let view = hl_render_info { field, light, camera, width: 60, height: 44, step: 0.7, background: HL_BACKGROUND_LIGHT, ..init() };
+    let view =
+        hl_render_info { field, light, camera: &camera, width: 60, height: 44, step: 0.7, background: HL_BACKGROUND_LIGHT, ..init() };
     assert_ne!(pixels(self::image(engine.0, &view)), by_command(folder.path(), &scene("sweep", "background = \"light\"\n")));
 }
 
