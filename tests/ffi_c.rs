@@ -288,7 +288,6 @@ fn the_instrumented_library_misuses_and_leaks_nothing() {
 }
 
 #[test]
-#[ignore = "takes minutes; `no_memory_is_misused_or_leaked` looks for the same with AddressSanitizer"]
 fn valgrind_has_nothing_to_say() {
     if Command::new("valgrind").arg("--version").output().is_err() {
         return skipped("valgrind_has_nothing_to_say", "valgrind is not here (Debian: valgrind)");
@@ -299,12 +298,31 @@ fn valgrind_has_nothing_to_say() {
     assert_ne!(small, text);
     std::fs::write(PLACE.at("c/small.c"), small).unwrap();
     PLACE.make("c", &["PROGRAMS=small"]);
-    let mut command = PLACE.command("valgrind");
-    command.args(["-q", "--error-exitcode=9", "--leak-check=full", "--show-leak-kinds=definite", "--errors-for-leak-kinds=definite"]);
+    // The C library's loader reads the search path of a driver's libraries eight bytes at a time.
+    let loader = "{\n  loader\n  Memcheck:Addr8\n  fun:strncmp\n  fun:is_dst\n  ...\n}\n";
+    std::fs::write(PLACE.at("loader.supp"), loader).unwrap();
+    let valgrind = || {
+        let mut command = PLACE.command("valgrind");
+        command.args(["-q", "--error-exitcode=9", "--leak-check=full", "--show-leak-kinds=definite", "--errors-for-leak-kinds=definite"]);
+        command.arg(format!("--suppressions={}", PLACE.at("loader.supp").display()));
+        command
+    };
+    let mut command = valgrind();
     std::fs::write(PLACE.at("small.raw"), [0, 90, 200, 30].repeat(1024)).unwrap();
     command.arg(PLACE.at("c/small")).arg(PLACE.at("small.raw")).args(["16", "16", "16"]).arg(PLACE.at("valgrind.png"));
     let out = done(&mut command);
     assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+    // Sabotage: samples that are not there are seen to be read.
+    let text = std::fs::read_to_string(PLACE.at("c/small.c")).unwrap();
+    let short = text.replace("volume_info.data = data;", "volume_info.data = data + 8;");
+    assert_ne!(short, text);
+    std::fs::write(PLACE.at("c/short.c"), short).unwrap();
+    PLACE.make("c", &["PROGRAMS=short"]);
+    let mut command = valgrind();
+    command.arg(PLACE.at("c/short")).arg(PLACE.at("small.raw")).args(["16", "16", "16"]).arg(PLACE.at("valgrind.png"));
+    let out = command.output().unwrap();
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.code() == Some(9) && said.contains("Invalid read") && said.contains("hl_volume_create"), "{said}");
 }
 
 #[test]
