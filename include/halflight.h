@@ -470,6 +470,8 @@ typedef struct hl_precompute_info {
     hl_progress_fn progress;
     void *user;
     const hl_clip *clip;       /* cuts matter, its shadows and what is seen of it; NULL: nothing */
+    uint32_t fit;              /* sweep, no surface: points of matter per cell that it is fitted to, to read right between cells */
+    int32_t reserved;
 } hl_precompute_info;
 
 typedef struct hl_field_info {
@@ -496,7 +498,8 @@ hl_status hl_field_read(const hl_field *field, float *data, uint64_t count);
 hl_status hl_field_map(hl_field *field, const float **data, uint64_t *count); /* until the last unmap or destroy */
 hl_status hl_field_unmap(hl_field *field);
 hl_status hl_field_save(const hl_field *field, const char *path); /* .nrrd */
-/* A field that was saved, for the same volume and matter; of info its volume, transfer, surface and clip. */
+/* A field that was saved, here or by the command, for the same volume and matter, which it is checked to be of where its file
+ * says so; of info its volume, transfer, surface and clip. */
 hl_status hl_field_load(hl_engine *engine, const char *path, const hl_precompute_info *info, hl_field **field);
 
 /* ---- Pictures -------------------------------------------------------------------------------------------------- */
@@ -575,7 +578,7 @@ HL_ASSERT_SIZE(hl_timing, 72);
 HL_ASSERT_SIZE(hl_estimate, 48);
 HL_ASSERT_SIZE(hl_surface, 48);
 HL_ASSERT_SIZE(hl_clip, 80);
-HL_ASSERT_SIZE(hl_precompute_info, 144);
+HL_ASSERT_SIZE(hl_precompute_info, 152);
 HL_ASSERT_SIZE(hl_field_info, 88);
 HL_ASSERT_SIZE(hl_camera, 168);
 HL_ASSERT_SIZE(hl_render_info, 128);

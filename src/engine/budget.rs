@@ -157,7 +157,7 @@ impl Engine {
     /// # Errors
     /// [`Error::Invalid`] for a setting out of its range.
     pub(crate) fn marching_memory(&self, medium: &Medium, settings: &Visibility, cells: usize) -> Result<u64> {
-        let cost = self.cost(medium.grid(), settings, &CellMap { texels: Vec::new(), wanted: cells })?;
+        let cost = self.cost(medium.grid(), settings, &CellMap { texels: Vec::new(), wanted: cells, matter: 0 })?;
         Ok(cost.scratch(&cost.share(self.free())))
     }
 

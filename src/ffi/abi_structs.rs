@@ -4,7 +4,7 @@
 use super::abi::*;
 use std::ffi::{c_char, c_void};
 
-reserving!(hl_engine_info, hl_volume_info, hl_transfer_info, hl_transfer_file_info, hl_save_info, hl_surface);
+reserving!(hl_engine_info, hl_volume_info, hl_transfer_info, hl_transfer_file_info, hl_save_info, hl_surface, hl_precompute_info);
 
 sized!(
     hl_header,
@@ -17,7 +17,6 @@ sized!(
     hl_timing,
     hl_estimate,
     hl_clip,
-    hl_precompute_info,
     hl_field_info,
     hl_camera,
     hl_render_info,
@@ -287,6 +286,8 @@ pub struct hl_precompute_info {
     pub progress: hl_progress_fn,
     pub user: *mut c_void,
     pub clip: *const hl_clip,
+    pub fit: u32,
+    pub reserved: i32,
 }
 
 #[repr(C)]

@@ -230,7 +230,7 @@ fn settings(info: &hl_precompute_info) -> Result<Visibility> {
         growth: if info.growth == 0.0 { default.growth } else { info.growth },
         step: if info.step == 0.0 { default.step } else { info.step },
         near: or("hl_precompute_info.near_slices", info.near_slices, default.near)?,
-        fit: default.fit,
+        fit: info.fit,
         cells: if switch("hl_precompute_info.all_cells", info.all_cells)? { Cells::All } else { Cells::Matter },
     };
     settings.check()?;

@@ -252,7 +252,7 @@ fn structs_of_other_versions_are_read_by_their_size() {
     later.now.struct_size = size_of::<Later>() as u32;
     ok!(hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     later.more[2] = 1;
-    refused!(HL_ERROR_INVALID, "beyond the 144 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
+    refused!(HL_ERROR_INVALID, "beyond the 152 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     assert!(field.is_null());
     // Shorter, as of an earlier one: the rest is zero, whatever stands there.
     for size in [88, 96] {
@@ -328,6 +328,9 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("visibility.step", hl_precompute_info { step: f32::NAN, ..base }),
         ("visibility.growth", hl_precompute_info { growth: -1.0, ..base }),
         ("visibility.directions", hl_precompute_info { directions: u32::MAX, ..base }),
+        ("visibility.fit", hl_precompute_info { fit: 65, ..base }),
+        ("visibility.fit", hl_precompute_info { fit: 8, method: HL_METHOD_MARCH, ..base }),
+        ("hl_precompute_info: its member reserved", hl_precompute_info { reserved: 1, ..base }),
         ("hl_precompute_info.tolerance", hl_precompute_info { tolerance: f64::NAN, ..base }),
         ("hl_precompute_info.tolerance: stands beside", hl_precompute_info { tolerance: 0.1, quality: HL_QUALITY_FINE, ..base }),
         ("hl_precompute_info.quality", hl_precompute_info { quality: 4, ..base }),

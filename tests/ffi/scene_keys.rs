@@ -56,6 +56,7 @@ const PLACES: [(&str, &str); 60] = [
     ("visibility.step", "hl_precompute_info.step"),
     ("visibility.near", "hl_precompute_info.near_slices"),
     ("visibility.cells", "hl_precompute_info.all_cells"),
+    ("visibility.fit", "hl_precompute_info.fit"),
     ("camera.position", "hl_camera.position"),
     ("camera.target", "hl_camera.target"),
     ("camera.up", "hl_camera.up"),
