@@ -15,9 +15,9 @@
  *           finished images, and hl_last_error never wait for the device.
  * Jobs.     What a running job (or blocking call) reads cannot be changed meanwhile: HL_ERROR_BUSY. It can be destroyed.
  * Callbacks run on the thread of the call or of the job. Within one, of the same engine only hl_job_poll, _cancel,
- *           _timing, _get_field, _get_image, _get_estimate and hl_last_error work (and hl_job_wait of 0 seconds, a look); all else on it
- *           returns HL_ERROR_REENTRANT. Other engines may be used. None may throw an exception or longjmp out: either would
- *           end the process.
+ *           _timing, _get_field, _get_image, _get_estimate and hl_last_error work (and hl_job_wait of 0 seconds, a look);
+ *           all else on it returns HL_ERROR_REENTRANT. Other engines may be used. None may throw an exception or longjmp out:
+ *           either would end the process.
  * Units.    World coordinates are the data's own units; voxel i covers i..i+1. Radiance is linear RGB. Angles: degrees.
  *
  * C99 or C++. Layouts are those of the platform's C ABI; HL_ABI counts incompatible changes of them. */
@@ -344,8 +344,8 @@ hl_status hl_image_difference(const hl_image *a, const hl_image *b, int32_t kind
 
 /* ---- Jobs ------------------------------------------------------------------------------------------------------ */
 
-/* Told the stage ("classify", "sweep", "render", ...) and the fraction of the whole that is done: 0 first, never falling, 1 at the end
- * of what succeeds. Anything but 0 cancels. */
+/* Told the stage ("classify", "sweep", "render", ...) and the fraction of the whole that is done: 0 first, never falling, 1 at
+ * the end of what succeeds. Anything but 0 cancels. */
 typedef int32_t (*hl_progress_fn)(void *user, const char *stage, float fraction);
 
 typedef struct hl_job_state {
@@ -376,7 +376,8 @@ typedef struct hl_timing {
 hl_status hl_job_poll(hl_job *job, hl_job_state *state);
 /* Waits at most so many seconds (negative: as long as it takes): HL_TIMEOUT, or the job's own status. */
 hl_status hl_job_wait(hl_job *job, double seconds);
-hl_status hl_job_cancel(hl_job *job); /* returns at once; the job ends after the dispatch under way */
+/* Returns at once; the job ends after the dispatch under way, or what the host prepares between two: tenths of a second. */
+hl_status hl_job_cancel(hl_job *job);
 hl_status hl_job_timing(const hl_job *job, uint32_t index, hl_timing *timing); /* HL_END after the last kernel */
 /* The result of the last finished pass, as a new handle; also while the job runs on and after it was cancelled. A progressive
  * field and a reference picture have several passes, each on its own a valid result; of a reference picture's last one
