@@ -13,7 +13,7 @@ use std::path::Path;
 use std::ptr::{null, null_mut};
 
 /// Where C says it, or why it does not.
-const PLACES: [(&str, &str); 60] = [
+const PLACES: [(&str, &str); 61] = [
     ("volume.file", "hl_volume_load, or hl_volume_info.data"),
     ("volume.component", "hl_load_info.component, or hl_volume_info.component"),
     ("volume.series", "hl_load_info.series"),
