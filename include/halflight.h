@@ -388,7 +388,8 @@ hl_status hl_job_destroy(hl_job *job); /* cancels it and waits for its end: no c
 
 /* What work will cost, before it starts, all parts of it together. Told by short pilots on this device, which are work
  * themselves: of a plan, the planning (two seconds of device time, or half of the field's, which its `seconds` count again, for
- * the work plans anew). A planned field that misses its tolerance and is computed anew is not foreseen. */
+ * the work plans anew). The info's progress is told of them, and can cancel. A planned field that misses its tolerance and is
+ * computed anew is not foreseen. */
 typedef struct hl_estimate {
     uint32_t struct_size;
     int32_t struct_type;
