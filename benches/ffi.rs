@@ -78,12 +78,15 @@ fn run(frames: usize) -> Result<()> {
         let info = hl_precompute_info { volume: c_volume, transfer, directions: 64, ..init() };
         ok(hl_precompute(c_engine, &info, &mut c_field));
     }
-    let mut view: hl_render_info = hl_render_info { field: c_field, width: width as u32, height: height as u32, ..init() };
-    view.camera.position = camera.position.to_array();
-    view.camera.target = camera.target.to_array();
-    view.camera.up = camera.up.to_array();
-    view.camera.fov = camera.fov_degrees;
-    view.camera.space = HL_CAMERA_WORLD;
+    let c_camera = hl_camera {
+        position: camera.position.to_array(),
+        target: camera.target.to_array(),
+        up: camera.up.to_array(),
+        fov: camera.fov_degrees,
+        space: HL_CAMERA_WORLD,
+        ..init()
+    };
+    let view = hl_render_info { field: c_field, camera: &c_camera, width: width as u32, height: height as u32, ..init() };
     let mut into = vec![[0f32; 4]; width * height];
     let mut frame = || {
         let (mut made, start) = (std::ptr::null_mut(), Instant::now());

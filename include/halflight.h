@@ -4,7 +4,7 @@
  *   field + light + camera     -> image (linear radiance, premultiplied)    hl_render
  *
  * Calls.    Every call returns HL_OK or another hl_status; the sentence to a negative one: hl_last_error. A call that
- *           fails creates nothing and sets the handles that it was to give to NULL. Nothing here exits or aborts.
+ *           fails creates nothing and sets the handles that it was to give to NULL. Nothing here exits, aborts or prints.
  * Structs.  HL_INIT first: struct_size is the sizeof the struct, any other member 0 means its default. Later versions
  *           append members: a longer struct than the library knows is taken if the rest is zero, a shorter one as
  *           if its missing members were 0. No struct_size ends within a pointer or number; what is `reserved` must be 0.
@@ -15,9 +15,9 @@
  *           finished images, and hl_last_error never wait for the device.
  * Jobs.     What a running job (or blocking call) reads cannot be changed meanwhile: HL_ERROR_BUSY. It can be destroyed.
  * Callbacks run on the thread of the call or of the job. Within one, of the same engine only hl_job_poll, _cancel,
- *           _timing, _get_field, _get_image and hl_last_error work (and hl_job_wait of 0 seconds, a look); all else on it
- *           returns HL_ERROR_REENTRANT. Other engines may be used. None may throw an exception or longjmp out: either would
- *           end the process.
+ *           _timing, _get_field, _get_image, _get_estimate and hl_last_error work (and hl_job_wait of 0 seconds, a look);
+ *           all else on it returns HL_ERROR_REENTRANT. Other engines may be used. None may throw an exception or longjmp out:
+ *           either would end the process.
  * Units.    World coordinates are the data's own units; voxel i covers i..i+1. Radiance is linear RGB. Angles: degrees.
  *
  * C99 or C++. Layouts are those of the platform's C ABI; HL_ABI counts incompatible changes of them. */
@@ -62,7 +62,7 @@ typedef int32_t hl_status;
 #define HL_ERROR_MEMORY -9       /* more memory than allowed or there is */
 #define HL_ERROR_IO -10          /* the system refused to read or write a file */
 #define HL_ERROR_FORMAT -11      /* a file is damaged or of a kind that is not read */
-#define HL_ERROR_POISONED -12    /* a defect was hit on this engine earlier: only destroying works */
+#define HL_ERROR_POISONED -12    /* a defect was hit on this engine earlier, which the sentence names: only destroying works */
 #define HL_ERROR_INTERNAL -13    /* a defect of the library */
 
 /* Version of the library that runs, and its HL_ABI. Any pointer may be NULL. */
@@ -150,13 +150,15 @@ typedef void (*hl_release_fn)(void *user, const void *data);
 typedef struct hl_volume_info {
     uint32_t struct_size;
     int32_t struct_type;
-    const void *next; /* hl_vulkan_image or hl_vulkan_buffer: samples on the host's device */
+    const void *next; /* hl_vulkan_image or hl_vulkan_buffer: samples on the host's device. Of the rest then only dims, place, slope
+                         and intercept may be set, and the type of a buffer's samples */
     const void *data; /* sample (0, 0, 0); NULL with `next` */
     uint32_t dims[3]; /* samples along x, y, z */
     int32_t type;
     int64_t strides[3]; /* bytes from a sample to the next along x, y, z; may be negative; all 0: packed, x fastest */
     double spacing[3];  /* edges of a voxel; all 0: 1 */
-    double axes[9];     /* world directions of x, y, z, one after the other; all 0: the world's own */
+    double axes[9];     /* world directions of x, y, z, one after the other; all 0: the world's own. Their lengths multiply the
+                           spacing: give unit vectors, or the edges themselves and no spacing */
     double origin[3];   /* world position of voxel (0, 0, 0)'s outer corner */
     float slope;        /* value = slope * sample + intercept; slope 0: 1 */
     float intercept;
@@ -292,6 +294,7 @@ typedef struct hl_image_info {
 #define HL_LAYER_IRRADIANCE 8u  /* 3: radiance at albedo 1 */
 #define HL_LAYER_VISIBILITY 16u /* 1: of the sky, 0..1 */
 #define HL_LAYER_OPACITY 32u    /* 1 */
+#define HL_LAYER_NOISE 64u      /* 3: standard error of R, G, B. Reference pictures have it unasked, and no other layer */
 
 #define HL_COMPRESSION_ZIP 0
 #define HL_COMPRESSION_NONE 1
@@ -327,7 +330,8 @@ hl_status hl_image_create(hl_engine *engine, const hl_image_info *info, hl_image
 hl_status hl_image_load(hl_engine *engine, const char *path, hl_image **image); /* OpenEXR, Radiance HDR, PNG */
 hl_status hl_image_destroy(hl_image *image);
 hl_status hl_image_get_size(const hl_image *image, uint32_t *width, uint32_t *height);
-/* Copies the pixels. row_stride 0: packed; `size`: bytes at `data`. Exposure in stops, of HL_RGBA8 only. */
+/* Copies the pixels. `data`: where the top left one goes; row_stride 0: packed, negative: rows lie upwards in memory, bottom row
+ * first, with `data` in the last; `size`: bytes of all rows with what lies between. Exposure in stops, of HL_RGBA8 only. */
 hl_status hl_image_read(const hl_image *image, int32_t format, double exposure, void *data, int64_t row_stride, uint64_t size);
 /* The pixels themselves, HL_RGBA32F and packed, until the last unmap or the image is destroyed. */
 hl_status hl_image_map(hl_image *image, const float **pixels, uint64_t *count);
@@ -341,8 +345,8 @@ hl_status hl_image_difference(const hl_image *a, const hl_image *b, int32_t kind
 
 /* ---- Jobs ------------------------------------------------------------------------------------------------------ */
 
-/* Told the stage ("sweep", "render", ...) and the fraction of the whole that is done: 0 first, never falling, 1 at the end
- * of what succeeds. Anything but 0 cancels. */
+/* Told the stage ("classify", "sweep", "render", ...) and the fraction of the whole that is done: 0 first, never falling, 1 at
+ * the end of what succeeds. Anything but 0 cancels. */
 typedef int32_t (*hl_progress_fn)(void *user, const char *stage, float fraction);
 
 typedef struct hl_job_state {
@@ -373,25 +377,31 @@ typedef struct hl_timing {
 hl_status hl_job_poll(hl_job *job, hl_job_state *state);
 /* Waits at most so many seconds (negative: as long as it takes): HL_TIMEOUT, or the job's own status. */
 hl_status hl_job_wait(hl_job *job, double seconds);
-hl_status hl_job_cancel(hl_job *job); /* returns at once; the job ends after the dispatch under way */
+/* Returns at once; the job ends after the dispatch under way, or what the host prepares between two: tenths of a second. */
+hl_status hl_job_cancel(hl_job *job);
 hl_status hl_job_timing(const hl_job *job, uint32_t index, hl_timing *timing); /* HL_END after the last kernel */
-/* The result of the last finished pass, as a new handle; also while the job runs on and after it was cancelled. Reference
- * pictures give theirs at the end only, a cancelled one that of the passes finished before. */
+/* The result of the last finished pass, as a new handle; also while the job runs on and after it was cancelled. A progressive
+ * field and a reference picture have several passes, each on its own a valid result; of a reference picture's last one
+ * hl_job_state has samples and standard error, and the image its HL_LAYER_NOISE. All others give theirs at the end. */
 hl_status hl_job_get_field(hl_job *job, hl_field **field);
 hl_status hl_job_get_image(hl_job *job, hl_image **image);
 hl_status hl_job_destroy(hl_job *job); /* cancels it and waits for its end: no callback of it runs afterwards */
 
-/* What work will cost, before it starts. Asked of a plan, it plans: two seconds of device time, or half of the field's. Not
- * counted: planning and measuring themselves, a reference picture's state on the device, and layers. */
+/* What work will cost, before it starts, all parts of it together. Told by short pilots on this device, which are work
+ * themselves: of a plan, the planning (two seconds of device time, or half of the field's, which its `seconds` count again, for
+ * the work plans anew). The info's progress is told of them, and can cancel. A planned field that misses its tolerance and is
+ * computed anew is not foreseen. */
 typedef struct hl_estimate {
     uint32_t struct_size;
     int32_t struct_type;
     const void *next;
-    uint64_t peak;    /* bytes of device memory held at once, with the volume */
-    uint64_t result;  /* bytes that stay with the field, or bytes of the image */
+    uint64_t peak;    /* bytes of device memory held at once, with all that the engine holds already */
+    uint64_t result;  /* bytes that stay with the field on the device, or bytes of the image in main memory, with its layers */
     uint64_t free;    /* bytes that the engine may still take */
-    double seconds;   /* device time, by a short pilot on this device; negative: unknown */
+    double seconds;   /* of device time; of wall clock where the device keeps none */
 } hl_estimate;
+
+hl_status hl_job_get_estimate(hl_job *job, hl_estimate *estimate); /* of hl_precompute_estimate_start; else HL_NOT_READY */
 
 /* ---- Field ----------------------------------------------------------------------------------------------------- */
 
@@ -463,6 +473,8 @@ typedef struct hl_precompute_info {
     hl_progress_fn progress;
     void *user;
     const hl_clip *clip;       /* cuts matter, its shadows and what is seen of it; NULL: nothing */
+    uint32_t fit;              /* sweep, no surface: points of matter per cell that it is fitted to, to read right between cells */
+    int32_t reserved;
 } hl_precompute_info;
 
 typedef struct hl_field_info {
@@ -480,7 +492,8 @@ typedef struct hl_field_info {
 
 hl_status hl_precompute(hl_engine *engine, const hl_precompute_info *info, hl_field **field); /* waits */
 hl_status hl_precompute_start(hl_engine *engine, const hl_precompute_info *info, hl_job **job);
-hl_status hl_precompute_estimate(hl_engine *engine, const hl_precompute_info *info, hl_estimate *estimate);
+hl_status hl_precompute_estimate(hl_engine *engine, const hl_precompute_info *info, hl_estimate *estimate); /* waits */
+hl_status hl_precompute_estimate_start(hl_engine *engine, const hl_precompute_info *info, hl_job **job);
 hl_status hl_field_destroy(hl_field *field);
 hl_status hl_field_get_info(const hl_field *field, hl_field_info *info);
 /* Coefficients as renderers see them: coefficient fastest, then x, y, z; count = coefficients * cells. */
@@ -488,7 +501,8 @@ hl_status hl_field_read(const hl_field *field, float *data, uint64_t count);
 hl_status hl_field_map(hl_field *field, const float **data, uint64_t *count); /* until the last unmap or destroy */
 hl_status hl_field_unmap(hl_field *field);
 hl_status hl_field_save(const hl_field *field, const char *path); /* .nrrd */
-/* A field that was saved, for the same volume and matter; of info its volume, transfer and surface. */
+/* A field that was saved, here or by the command, for the same volume and matter, which it is checked to be of where its file
+ * says so; of info its volume, transfer, surface and clip. */
 hl_status hl_field_load(hl_engine *engine, const char *path, const hl_precompute_info *info, hl_field **field);
 
 /* ---- Pictures -------------------------------------------------------------------------------------------------- */
@@ -498,6 +512,9 @@ hl_status hl_field_load(hl_engine *engine, const char *path, const hl_precompute
 #define HL_CAMERA_WORLD 2
 
 typedef struct hl_camera {
+    uint32_t struct_size;
+    int32_t struct_type;
+    const void *next;
     double position[3];
     double target[3];
     double up[3];       /* all 0: +z */
@@ -519,7 +536,7 @@ typedef struct hl_render_info {
     const void *next; /* hl_vulkan_image: into that image of the host's device, not to main memory */
     hl_field *field;
     hl_light *light; /* NULL: white */
-    hl_camera camera;
+    const hl_camera *camera; /* NULL: the whole volume is in view */
     uint32_t width, height; /* 0: 1024, 768 */
     double step;            /* voxels; 0: 1 */
     int32_t background;
@@ -538,7 +555,7 @@ typedef struct hl_render_info {
 
 hl_status hl_render(hl_engine *engine, const hl_render_info *info, hl_image **image); /* waits */
 hl_status hl_render_start(hl_engine *engine, const hl_render_info *info, hl_job **job);
-hl_status hl_render_estimate(hl_engine *engine, const hl_render_info *info, hl_estimate *estimate);
+hl_status hl_render_estimate(hl_engine *engine, const hl_render_info *info, hl_estimate *estimate); /* waits */
 
 /* Layouts, where pointers have 8 bytes: what a binding in another language must match. */
 #if defined(__cplusplus) && __cplusplus >= 201103L
@@ -564,10 +581,10 @@ HL_ASSERT_SIZE(hl_timing, 72);
 HL_ASSERT_SIZE(hl_estimate, 48);
 HL_ASSERT_SIZE(hl_surface, 48);
 HL_ASSERT_SIZE(hl_clip, 80);
-HL_ASSERT_SIZE(hl_precompute_info, 144);
+HL_ASSERT_SIZE(hl_precompute_info, 152);
 HL_ASSERT_SIZE(hl_field_info, 88);
-HL_ASSERT_SIZE(hl_camera, 152);
-HL_ASSERT_SIZE(hl_render_info, 272);
+HL_ASSERT_SIZE(hl_camera, 168);
+HL_ASSERT_SIZE(hl_render_info, 128);
 
 #ifdef __cplusplus
 }

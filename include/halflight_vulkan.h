@@ -88,12 +88,16 @@ typedef struct hl_vulkan_device {
 
 #define HL_VULKAN_NO_FAMILY 0xffffffffu /* VK_QUEUE_FAMILY_IGNORED */
 
+/* Formats. A volume: R8_UNORM, R8_UINT, R8_SINT, R16_UNORM, R16_UINT, R16_SINT, R16_SFLOAT or R32_SFLOAT; samples count as the
+ * integers or floats that are stored (a UNORM's as integers too), and must be finite. A picture: R32G32B32A32_SFLOAT or
+ * R16G16B16A16_SFLOAT; premultiplied linear RGBA, top row first. */
+
 typedef struct hl_vulkan_image {
     uint32_t struct_size;
     int32_t struct_type; /* HL_STRUCT_VULKAN_IMAGE */
     const void *next;
-    uint64_t image;        /* VkImage: a volume R8, R16 or R32 (see README), a picture RGBA of 16- or 32-bit floats */
-    int32_t format;        /* VkFormat */
+    uint64_t image;        /* VkImage, 3-D for a volume, 2-D for a picture */
+    int32_t format;        /* VkFormat, as above */
     uint32_t extent[3];    /* texels; z is 1 for pictures */
     uint32_t usage;        /* VkImageUsageFlags: TRANSFER_SRC of volumes, TRANSFER_DST of pictures */
     int32_t layout;        /* VkImageLayout now; 0: undefined */

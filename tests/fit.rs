@@ -42,9 +42,7 @@ fn points_lie_in_matter_and_stand_for_all_of_it() {
         assert!(of.iter().all(|p| (0..3).all(|a| (p[a] / 4.0).floor() == (of[0][a] / 4.0).floor())));
     }
     // Importance sampling: the weights' sum estimates the opacity of all candidates, 64 to a box of 64 voxels here.
-    let whole: f64 = (0..volume.grid().voxels() as usize)
-        .map(|i| alpha([i % 40, i / 40 % 40, i / 1600].map(|c| c as f32 + 0.5)))
-        .sum();
+    let whole: f64 = (0..volume.grid().voxels() as usize).map(|i| alpha([i % 40, i / 40 % 40, i / 1600].map(|c| c as f32 + 0.5))).sum();
     let sum: f64 = found.weights.iter().map(|w| f64::from(*w)).sum();
     println!("opacity of {} points {sum:.0}, of all voxels {whole:.0}", found.weights.len());
     assert!((sum / whole - 1.0).abs() < 0.05, "{sum} {whole}");
@@ -232,7 +230,8 @@ fn what_cannot_be_fitted_is_refused() {
     let engine = engine();
     let (volume, matter) = shell(16, 1.0);
     let (_, medium) = load(&engine, &volume, &matter);
-    let refused = |medium: &Medium, s: &Visibility| engine.precompute(medium, s, &mut quiet).err().map(|e| e.to_string()).unwrap_or_default();
+    let refused =
+        |medium: &Medium, s: &Visibility| engine.precompute(medium, s, &mut quiet).err().map(|e| e.to_string()).unwrap_or_default();
     for method in [Method::March, Method::Hierarchical] {
         let sentence = refused(&medium, &Visibility { method, ..settings(8, 4) });
         assert!(sentence.contains("visibility.fit") && sentence.contains("sweep"), "{sentence}");

@@ -234,7 +234,18 @@ fn a_report_survives_the_header() {
     let truth = made_up(90, 4);
     let v = made_up(90, 5);
     let e = errors(&v, &truth, 3);
-    let report = Report { probes: 90, directions: 4096, step: 0.25, bands: 3, bits: 16, before: Some(e), after: e, seconds: 1.5 };
+    let report = Report {
+        probes: 90,
+        fitted: false,
+        read: None,
+        directions: 4096,
+        step: 0.25,
+        bands: 3,
+        bits: 16,
+        before: Some(e),
+        after: e,
+        seconds: 1.5,
+    };
     let grid = Grid::axis_aligned([4, 4, 4], [1.0; 3]).expect("grid");
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("f.nrrd");

@@ -221,8 +221,8 @@ fn packing_keeps_half_a_quantum_and_exact_zero() {
     }
     // Zero is exact at every width.
     for bits in [8, 16, 32] {
-        assert_eq!(pack::decode(&pack::reference(&[0.0; 16], 4, bits), bits), [0.0; 16]);
-        let nan = pack::decode(&pack::reference(&[f32::NAN; 16], 4, bits), bits);
+        assert_eq!(pack::decode(&pack::reference(&[0.0; 16], 4, bits, false), bits, false), [0.0; 16]);
+        let nan = pack::decode(&pack::reference(&[f32::NAN; 16], 4, bits, false), bits, false);
         assert_eq!(nan, [0.0; 16], "NaN is scrubbed");
     }
 }

@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <vulkan/vulkan.h>
 
 enum { WIDTH = 640, HEIGHT = 480 };
@@ -219,7 +220,7 @@ int main(int argc, char **argv) {
         VK(vkMapMemory(device, buffer_memory, 0, VK_WHOLE_SIZE, 0, &pixels));
 
         HL_INIT_AS(target, HL_STRUCT_VULKAN_IMAGE);
-        target.image = (uint64_t)(uintptr_t)image;
+        memcpy(&target.image, &image, sizeof image); /* a pointer, or a 64-bit number where pointers are shorter */
         target.format = VK_FORMAT_R32G32B32A32_SFLOAT;
         target.extent[0] = WIDTH;
         target.extent[1] = HEIGHT;

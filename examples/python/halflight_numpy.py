@@ -8,7 +8,10 @@ import ctypes.util
 import os
 import sys
 
-import numpy as np
+try:
+    import numpy as np
+except ImportError:
+    sys.exit("halflight_numpy.py: numpy is not there; pip install numpy, or Debian: apt-get install python3-numpy")
 
 lib = c.CDLL(os.environ.get("LIBHALFLIGHT") or c.util.find_library("halflight") or "libhalflight.so.0")
 HL_FLOAT32, HL_RGBA32F, HL_METHOD_SWEEP = 9, 0, 3
@@ -41,17 +44,9 @@ class PrecomputeInfo(Info):
     ]
 
 
-class Camera(c.Structure):
-    _fields_ = [
-        ("position", c.c_double * 3), ("target", c.c_double * 3), ("up", c.c_double * 3), ("fov", c.c_double),
-        ("orbit", c.c_double * 4), ("centre", c.c_double * 3), ("distance", c.c_double), ("space", c.c_int32),
-        ("own_centre", c.c_int32),
-    ]
-
-
 class RenderInfo(Info):
     _fields_ = HEADER + [
-        ("field", c.c_void_p), ("light", c.c_void_p), ("camera", Camera), ("width", c.c_uint32), ("height", c.c_uint32),
+        ("field", c.c_void_p), ("light", c.c_void_p), ("camera", c.c_void_p), ("width", c.c_uint32), ("height", c.c_uint32),
     ]
 
 

@@ -1,7 +1,6 @@
 //! Field files: what they say of their making, and whether they are a scene's.
 
 use super::fail::Failure;
-use super::fingerprint;
 use halflight::engine::{Engine, Field};
 use halflight::error::{Error, shown};
 use halflight::io::{self, ReadOptions};
@@ -9,23 +8,11 @@ use halflight::measure::Report;
 use halflight::scene::{Grid, Matter, Scene, Visibility, Volume};
 use std::path::Path;
 
-/// What a field is of.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Keys {
-    pub volume: String,
-    pub matter: String,
-}
+pub use halflight::io::FieldKeys as Keys;
 
-impl Keys {
-    pub fn of(scene: &Scene, volume: &Volume, matter: &Matter) -> Self {
-        Self { volume: fingerprint::volume(volume), matter: fingerprint::matter(matter, scene, volume) }
-    }
-
-    /// The lines of a field's header.
-    pub fn meta(&self, coefficients: &[f32]) -> [(String, String); 3] {
-        let data = fingerprint::coefficients(coefficients);
-        [("volume_hash".into(), self.volume.clone()), ("matter_hash".into(), self.matter.clone()), ("data_hash".into(), data)]
-    }
+/// What a scene's field is of.
+pub fn keys(scene: &Scene, volume: &Volume, matter: &Matter) -> Keys {
+    Keys::of(volume, matter, &scene.clip.half_spaces(volume.grid()))
 }
 
 /// A field on the device, and what its file says was measured of it.
@@ -59,19 +46,10 @@ pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: 
         None => "compute it anew with halflight precompute, or drop --field",
         Some(_) => "it is computed anew",
     };
-    let (Some(of_volume), Some(of_matter), Some(of_data), Some(text)) =
-        (of("volume_hash"), of("matter_hash"), of("data_hash"), of("scene"))
-    else {
-        return Err(bad("it does not say what it was computed from", again));
-    };
-    if of_data != fingerprint::coefficients(&file.data) {
-        return Err(bad("its coefficients are not those that were written: it is damaged", again));
-    }
-    if of_volume != keys.volume {
-        return Err(bad("it was computed from another volume", again));
-    }
-    if of_matter != keys.matter {
-        return Err(bad("it was computed for another transfer function, surface or clipping", again));
+    let text = of("scene").filter(|_| Keys::told(&file));
+    let Some(text) = text else { return Err(bad("it does not say what it was computed from", again)) };
+    if let Some(why) = keys.differ(&file) {
+        return Err(bad(why, again));
     }
     let made = io::parse_scene(text, &shown(path), Path::new(""), &[])?;
     if scene.wanted.is_none() && settled(&made.visibility) != settled(&scene.visibility) {

@@ -1,66 +1,20 @@
-//! What a field or a frame is of, as hashes (BLAKE3): of contents, never of names or dates, so that they hold on every node.
+//! What a frame is of, as hashes (BLAKE3): of contents, never of names or dates, so that they hold on every node. Those of a
+//! field are the library's: [`field_keys`].
 
 use super::fail::Failure;
 use halflight::error::Error;
 use halflight::io;
+use halflight::io::field_keys::{self, hex};
 use halflight::scene::scene::{LightSource, TransferSource};
-use halflight::scene::transfer::Table;
-use halflight::scene::{Matter, Samples, Scene, Volume};
+use halflight::scene::{Matter, Scene, Volume};
 use std::path::{Path, PathBuf};
 
-/// What a volume holds: dims, place, type, rescaling, samples.
-pub fn volume(volume: &Volume) -> String {
-    let mut hasher = blake3::Hasher::new();
-    let map = volume.grid().voxel_to_world();
-    for n in volume.grid().dims() {
-        hasher.update(&(n as u64).to_le_bytes());
-    }
-    for x in map.to_cols_array() {
-        hasher.update(&x.to_le_bytes());
-    }
-    let (slope, intercept) = volume.rescale();
-    hasher.update(&slope.to_le_bytes()).update(&intercept.to_le_bytes()).update(volume.samples().type_name().as_bytes());
-    match volume.samples() {
-        Samples::U8(s) => drop(hasher.update(s)),
-        Samples::U16(s) => numbers(&mut hasher, s, |v| v.to_le_bytes()),
-        Samples::I16(s) => numbers(&mut hasher, s, |v| v.to_le_bytes()),
-        Samples::F32(s) => numbers(&mut hasher, s, |v| v.to_le_bytes()),
-    }
-    hex(&hasher)
-}
-
-fn numbers<T: Copy, const N: usize>(hasher: &mut blake3::Hasher, values: &[T], bytes: impl Fn(T) -> [u8; N]) {
-    let mut buffer = Vec::with_capacity(N << 16);
-    for part in values.chunks(1 << 16) {
-        buffer.clear();
-        buffer.extend(part.iter().flat_map(|v| bytes(*v)));
-        hasher.update(&buffer);
-    }
-}
-
-/// Where a medium absorbs, and how much: what visibility depends on beside the volume. Colours have no part in it.
+/// Where a medium absorbs, and how much.
 pub fn matter(matter: &Matter, scene: &Scene, volume: &Volume) -> String {
-    let mut hasher = blake3::Hasher::new();
-    match matter.surface {
-        Some(surface) => drop(hasher.update(b"surface").update(&surface.iso.to_le_bytes())),
-        None => {
-            let Table { lo, hi, sigma, .. } = matter.transfer.table(volume.range(), volume.grid());
-            hasher.update(b"medium").update(&lo.to_le_bytes()).update(&hi.to_le_bytes());
-            numbers(&mut hasher, &sigma, f32::to_le_bytes);
-        }
-    }
-    for plane in scene.clip.half_spaces(volume.grid()) {
-        numbers(&mut hasher, &plane, f32::to_le_bytes);
-    }
-    hex(&hasher)
+    field_keys::of_matter(matter, &scene.clip.half_spaces(volume.grid()), volume.range(), volume.grid())
 }
 
-/// The numbers of a field.
-pub fn coefficients(data: &[f32]) -> String {
-    let mut hasher = blake3::Hasher::new();
-    numbers(&mut hasher, data, f32::to_le_bytes);
-    hex(&hasher)
-}
+pub use halflight::io::field_keys::of_volume as volume;
 
 /// Words.
 pub fn text(text: &str) -> String {
@@ -99,9 +53,4 @@ impl Files {
         self.0.push((path.to_owned(), hash.clone()));
         Ok(hash)
     }
-}
-
-/// 32 digits: 128 bits tell any two of them apart.
-fn hex(hasher: &blake3::Hasher) -> String {
-    hasher.finalize().to_hex()[..32].to_owned()
 }

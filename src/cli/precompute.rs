@@ -3,7 +3,7 @@
 use super::Context;
 use super::args_keys::OF_FIELD;
 use super::fail::Failure;
-use super::field_file::Keys;
+use super::field_file;
 use super::load;
 use super::output::Kind;
 use super::plan;
@@ -37,7 +37,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let data = engine.read_field(&field)?;
     let spans = engine.take_timings();
     let mut meta = header(&scene, &engine, &spans);
-    meta.extend(Keys::of(&scene, &loaded.volume, &loaded.matter).meta(&data));
+    meta.extend(field_file::keys(&scene, &loaded.volume, &loaded.matter).meta(&data));
     if let Some(seconds) = budget {
         let known = !spans.is_empty() && spans.iter().all(|s: &Span| s.timed);
         let budget = Budget { seconds, field_seconds: known.then(|| spans.iter().map(|s| s.seconds).sum()) };

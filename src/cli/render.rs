@@ -136,7 +136,7 @@ pub fn visibility(
     let on_device = engine.upload(volume)?;
     let medium = engine.classify_clipped(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
     if let Some(path) = given {
-        let keys = field_file::Keys::of(scene, volume, &loaded.matter);
+        let keys = field_file::keys(scene, volume, &loaded.matter);
         let field = field_file::read(engine, path, volume, scene, &keys, None)?.field;
         (scene.visibility, scene.wanted) = (field.settings().clone(), None);
         report.line("field", format!("{}, {} packed", path.display(), bytes(field.bytes())));

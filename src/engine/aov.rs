@@ -1,5 +1,6 @@
 //! What lies behind each pixel of a picture: strip by strip, as [`Engine::render`].
 
+use super::budget::SLACK;
 use super::render::MOST_SAMPLES;
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
@@ -26,6 +27,16 @@ pub fn surface_layers(behind: &mut [Behind], picture: &Picture, albedo: [f32; 3]
 pub fn layer_channels(layer: usize, behind: &[Behind]) -> impl Iterator<Item = (&'static str, Vec<f32>)> + '_ {
     let channels = LAYERS.get(layer).map_or(&[][..], |l| l.1);
     channels.iter().enumerate().map(move |(c, name)| (*name, behind.iter().map(|b| b.channel(layer, c)).collect()))
+}
+
+/// Pixels that are gathered together.
+fn slots(image: &ImageSettings) -> usize {
+    (aov::MOST as usize / image.width).min(image.height).max(1) * image.width
+}
+
+/// Bytes of device memory that gathering takes.
+pub(super) fn bytes(image: &ImageSettings) -> u64 {
+    aov::BYTES * slots(image) as u64 + SLACK
 }
 
 /// Samples of one row in a dispatch, at most: each asks for a normal too.
@@ -63,7 +74,7 @@ impl Engine {
         let steps = if surface.is_some() { 1 } else { steps };
         let segment = (self.device.loop_limit() / 3).min((ROW_SAMPLES / width).max(64));
         let most = ((aov::MOST as usize / image.width) as u32).min(height).max(1);
-        let slots = (most * width) as usize;
+        let slots = slots(image);
         self.ask("the picture's layers", aov::BYTES * slots as u64, |_| "render fewer pixels, or allow more memory".into())?;
         let (irradiance, window, light_scale) = lit.irradiance();
         let encoding = medium.volume.0.encoding;

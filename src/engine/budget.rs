@@ -11,7 +11,7 @@ use crate::stages::sweep::Ray;
 use crate::stages::{minify, pack, relight};
 
 /// Bytes that small buffers and alignment add to the sum of the large parts.
-const SLACK: u64 = 64 << 10;
+pub(super) const SLACK: u64 = 64 << 10;
 
 /// Bytes of a cell while it is estimated: its index and 16 sums.
 const SUMS: u64 = 68;
@@ -150,6 +150,15 @@ impl Engine {
     pub fn precompute_memory(&self, medium: &Medium, settings: &Visibility) -> Result<(u64, u64)> {
         let cost = self.cost(medium.grid(), settings, &self.cell_map(medium, settings, &[])?)?;
         Ok((cost.kept, cost.scratch(&cost.share(self.free().saturating_sub(cost.kept)))))
+    }
+
+    /// Bytes of device memory that [`Engine::estimate`] takes to march `cells` cells, freed at the end.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a setting out of its range.
+    pub(crate) fn marching_memory(&self, medium: &Medium, settings: &Visibility, cells: usize) -> Result<u64> {
+        let cost = self.cost(medium.grid(), settings, &CellMap { texels: Vec::new(), wanted: cells, matter: 0 })?;
+        Ok(cost.scratch(&cost.share(self.free())))
     }
 
     /// What a field of `settings` for this medium, and a picture of `pixels` (width, height) under a coloured light, need.

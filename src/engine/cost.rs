@@ -1,10 +1,10 @@
 //! What work will cost, by a pilot on this device: said before it starts.
 
-use super::{Engine, Lit, Medium};
+use super::{Behind, Engine, Lit, Medium, Progress, ReferenceSettings, aov, quiet};
 use crate::error::Result;
 use crate::scene::visibility::Method;
-use crate::scene::{Camera, ImageSettings, Visibility};
-use std::ops::ControlFlow;
+use crate::scene::{Camera, ImageSettings, Sky, Visibility};
+use crate::stages::trace::BLOCK;
 use std::time::Instant;
 
 /// Cells of a field's pilot, at most.
@@ -15,6 +15,9 @@ const DIRECTIONS: u32 = 16;
 
 /// Each side of a picture's pilot is this part of the picture's.
 const PART: usize = 8;
+
+/// Pixels of a reference picture's pilot, if it has as many: its sampling takes longer than its dispatches.
+const TRACED: f64 = 4096.0;
 
 /// Memory and time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,20 +32,23 @@ pub struct Cost {
 
 impl Engine {
     /// What a field would cost. Its pilot estimates some cells in few directions, a sweep all cells; it takes the engine's
-    /// timings.
+    /// timings. `progress` can cancel it.
     ///
     /// # Errors
     /// As [`Engine::estimate`].
-    pub fn field_cost(&self, medium: &Medium, settings: &Visibility) -> Result<Cost> {
+    pub fn field_cost(&self, medium: &Medium, settings: &Visibility, progress: &mut Progress) -> Result<Cost> {
         let (kept, passing) = self.precompute_memory(medium, settings)?;
         let wanted = self.wanted_cells(medium, settings)?;
         let stride = wanted.len().div_ceil(CELLS).max(1);
         let some: Vec<u32> = wanted.iter().copied().step_by(stride).collect();
         let mut seconds = 0.0;
         if !some.is_empty() {
-            let run = |directions: u32, cells: &[u32]| {
+            // The second pilot takes twice the first's.
+            let mut run = |directions: u32, cells: &[u32]| {
                 let settings = Visibility { directions, ..settings.clone() };
-                self.timed(|| self.estimate(medium, &settings, cells, &mut quiet).map(|_| ()))
+                let [from, to] = if directions > DIRECTIONS { [0.33, 1.0] } else { [0.0, 0.33] };
+                let mut part = |_: &'static str, f: f32| progress("pilot", from + f * (to - from));
+                self.timed(|| self.estimate(medium, &settings, cells, &mut part).map(|_| ()))
             };
             // Whatever a kernel's first dispatch costs is not the pilot's.
             run(1, &some[..1])?;
@@ -63,18 +69,79 @@ impl Engine {
         Ok(Cost { kept, passing, seconds })
     }
 
-    /// What a picture would cost: its pilot renders it small. It takes the engine's timings.
+    /// What a picture would cost, with what lies behind its pixels if that is wanted too ([`Engine::aovs`]): its pilot renders it
+    /// small. It takes the engine's timings. `progress` can cancel it.
     ///
     /// # Errors
     /// As [`Engine::render`].
-    pub fn picture_cost(&self, medium: &Medium, lit: &Lit, camera: &Camera, image: &ImageSettings) -> Result<Cost> {
+    pub fn picture_cost(
+        &self,
+        medium: &Medium,
+        lit: &Lit,
+        (camera, image): (&Camera, &ImageSettings),
+        layers: bool,
+        progress: &mut Progress,
+    ) -> Result<Cost> {
         let small = ImageSettings { width: image.width.div_ceil(PART), height: image.height.div_ceil(PART), ..*image };
         let one = ImageSettings { width: 1, height: 1, ..*image };
-        self.timed(|| self.render(medium, lit, camera, &one, &mut quiet).map(|_| ()))?;
-        let taken = self.timed(|| self.render(medium, lit, camera, &small, &mut quiet).map(|_| ()))?;
-        let pixels = |i: &ImageSettings| i.width as f64 * i.height as f64;
+        let mut run = |image: &ImageSettings| {
+            self.timed(|| {
+                let mut part = |_: &'static str, f: f32| progress("pilot", f);
+                let (_, hits) = self.render_with_distance(medium, lit, camera, image, &mut part)?;
+                if layers {
+                    self.aovs(medium, lit, camera, image, &hits, &mut part)?;
+                }
+                Ok(())
+            })
+        };
+        // Whatever a kernel's first dispatch costs is not the pilot's.
+        run(&one)?;
+        let taken = run(&small)?;
         let need = self.need(medium, lit.field().settings(), Some((image.width, image.height)))?;
-        Ok(Cost { kept: pixels(image) as u64 * 16, passing: need.picture, seconds: taken * pixels(image) / pixels(&small) })
+        let (pixel, behind) = if layers { (16 + size_of::<Behind>(), aov::bytes(image)) } else { (16, 0) };
+        Ok(Cost {
+            kept: pixels(image) as u64 * pixel as u64,
+            passing: need.picture.max(behind),
+            seconds: taken * pixels(image) / pixels(&small),
+        })
+    }
+
+    /// What a reference picture would cost: its pilot takes the fewest samples of a smaller one, whose standard error says how
+    /// many samples the asked one needs. It takes the engine's timings. `progress` can cancel it.
+    ///
+    /// # Errors
+    /// As [`Engine::render_reference`].
+    pub fn reference_cost(
+        &self,
+        medium: &Medium,
+        sky: &Sky,
+        (camera, image): (&Camera, &ImageSettings),
+        settings: &ReferenceSettings,
+        progress: &mut Progress,
+    ) -> Result<Cost> {
+        let shrink = f64::max(1.0 / (PART * PART) as f64, TRACED / pixels(image)).min(1.0).sqrt();
+        let side = |n: usize| ((n as f64 * shrink).ceil() as usize).max(1);
+        let small = ImageSettings { width: side(image.width), height: side(image.height), ..*image };
+        let one = ImageSettings { width: 1, height: 1, ..*image };
+        let few = ReferenceSettings { samples: 2 * BLOCK, error: 0.0, first: 2 * BLOCK, seconds: None, ..*settings };
+        // Whatever a kernel's first dispatch costs is not the pilot's.
+        self.timed(|| self.render_reference(medium, sky, camera, &one, &few, &mut quiet).map(|_| ()))?;
+        let mut found = None;
+        let taken = self.timed(|| {
+            found = Some(self.render_reference(medium, sky, camera, &small, &few, &mut |_, f| progress("pilot", f))?);
+            Ok(())
+        })?;
+        let error = found.map_or(0.0, |r| r.relative_error);
+        let first = f64::from(few.samples);
+        let needed = if settings.error > 0.0 { 1.05 * first * (error / settings.error).powi(2) } else { f64::INFINITY };
+        let each = taken * pixels(image) / (pixels(&small) * first);
+        let seconds = each * needed.clamp(first, f64::from(settings.samples).max(first));
+        Ok(Cost {
+            kept: pixels(image) as u64 * 28,
+            passing: self.reference_bytes(medium, sky, image),
+            // No pass begins beyond the bound, but the first.
+            seconds: seconds.min(settings.seconds.map_or(f64::INFINITY, |s| s.max(each * first))),
+        })
     }
 
     /// Device seconds of some work; of wall clock where the device keeps no time.
@@ -87,6 +154,6 @@ impl Engine {
     }
 }
 
-fn quiet(_: &'static str, _: f32) -> ControlFlow<()> {
-    ControlFlow::Continue(())
+fn pixels(image: &ImageSettings) -> f64 {
+    image.width as f64 * image.height as f64
 }

@@ -1,9 +1,9 @@
 //! Estimates of visibility: tile by tile, in dispatches of bounded time.
 
 use super::budget::Cost;
-use super::precompute::telling;
+use super::precompute::{PYRAMID, stage};
 use super::sweep::Sweeper;
-use super::{Engine, Medium, Pacer, Progress};
+use super::{Engine, Medium, Pacer, Progress, in_parts, telling};
 use crate::error::{Error, Result};
 use crate::scene::visibility::Method;
 use crate::scene::{Grid, Visibility};
@@ -83,7 +83,7 @@ impl Engine {
         };
         let cost = Cost { kept: 0, ..self.cost(medium.grid(), settings, &map)? };
         let share = self.admitted("the estimate", 0, &cost, |_| "take a coarser ratio, or allow more memory".into())?;
-        let mut tell = telling(settings, progress);
+        let mut tell = telling(stage(settings), progress);
         tell(0.0)?;
         let mut out = Vec::with_capacity(cells.len());
         if cells.is_empty() {
@@ -102,13 +102,14 @@ impl Engine {
         match settings.method {
             Method::March => self.estimate_tiles(medium, settings, all, &Estimator::March, &mut tell, &mut keep)?,
             Method::Hierarchical => {
-                let estimator = Estimator::Hierarchical(self.pyramid(medium, settings)?);
+                let estimator = Estimator::Hierarchical(self.pyramid(medium, settings, &mut |f| tell(PYRAMID * f))?);
+                let mut tell = |f| tell(PYRAMID + (1.0 - PYRAMID) * f);
                 self.estimate_tiles(medium, settings, all, &estimator, &mut tell, &mut keep)?;
             }
             Method::Sweep => {
                 let mut sweeper = Sweeper::new(self, medium, settings, &map, share.ring)?;
                 sweeper.pass(&sweep::rays(settings.directions, medium.grid()), &mut tell)?;
-                self.estimate_tiles(medium, settings, all, &Estimator::Sweep(&sweeper, None), &mut |_| Ok(()), &mut keep)?;
+                self.estimate_tiles(medium, settings, all, &Estimator::Sweep(&sweeper, None), &mut |_| tell(1.0), &mut keep)?;
             }
         }
         Ok(out)
@@ -206,14 +207,15 @@ impl Engine {
     }
 
     /// The opacity pyramid of a medium, readable.
-    pub(super) fn pyramid(&self, medium: &Medium, settings: &Visibility) -> Result<Image> {
+    pub(super) fn pyramid(&self, medium: &Medium, settings: &Visibility, tell: &mut dyn FnMut(f64) -> Result<()>) -> Result<Image> {
         let dims = medium.grid().dims().map(|n| n as u32);
         let levels = minify::levels(dims);
         let pyramid =
             self.device.image3(&ImageDesc { name: "opacity", dims, levels, format: Format::R16Sfloat, views: &[], storage: true })?;
         let mut rec = self.device.record()?;
-        classify::record(&mut rec, &medium.view(), &pyramid)?;
-        minify::record(&mut rec, &pyramid, settings.filter)?;
+        // Level 0 is seven eighths of the work.
+        classify::record(&mut rec, &medium.view(), &pyramid, &mut in_parts(&mut |f| tell(0.875 * f)))?;
+        minify::record(&mut rec, &pyramid, settings.filter, &mut in_parts(&mut |f| tell(0.875 + 0.125 * f)))?;
         rec.submit()?;
         Ok(pyramid)
     }
@@ -223,7 +225,7 @@ impl Engine {
     /// # Errors
     /// As [`Engine::precompute`].
     pub fn read_pyramid(&self, medium: &Medium, settings: &Visibility) -> Result<Vec<Vec<f32>>> {
-        let pyramid = self.pyramid(medium, settings)?;
+        let pyramid = self.pyramid(medium, settings, &mut |_| Ok(()))?;
         (0..pyramid.levels())
             .map(|k| {
                 let bytes = self.device.read_image(&pyramid, k)?;

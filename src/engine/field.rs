@@ -61,7 +61,12 @@ impl Field {
 
     /// What kernels take.
     pub(super) fn packed(&self) -> Packed<'_> {
-        Packed { images: self.0.images.each_ref(), directory: &self.0.layout.directory, bits: self.0.settings.bits, wide: self.0.settings.fit > 0 }
+        Packed {
+            images: self.0.images.each_ref(),
+            directory: &self.0.layout.directory,
+            bits: self.0.settings.bits,
+            wide: self.0.settings.fit > 0,
+        }
     }
 }
 

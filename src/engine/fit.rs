@@ -1,14 +1,13 @@
 //! The fit beside a sweep: points of visible matter, what they see, and the cells that read it right.
 
-use super::precompute::telling;
 use super::sweep::Sweeper;
-use super::{Engine, Medium, Progress};
+use super::{Engine, Medium, Progress, telling};
 use crate::error::Result;
 use crate::scene::Visibility;
 use crate::stages::cells;
 use crate::stages::fit::{self, Equations, Group, STEPS, Seen};
-use crate::stages::sweep;
 use crate::stages::pack::groups as coefficient_groups;
+use crate::stages::sweep;
 use crate::vk::{Access, Buffer, Format, Image, ImageDesc};
 
 /// Cells whose points are drawn in a dispatch: 600 taps each, tens of milliseconds on a CPU device.
@@ -204,8 +203,8 @@ impl Fit {
         // The iterations read them.
         rec.barrier(&[&rows, &side].map(|b| b.all().from(Access::ComputeWrite).to(Access::ComputeRead)));
         rec.submit()?;
-        for index in 0..coefficient_groups(self.bands) {
-            let group = Group { index: index as u32, cell_map, sums: sums[index], fitted: &self.fitted[index] };
+        for (index, (sums, fitted)) in sums.into_iter().zip(&self.fitted).enumerate().take(coefficient_groups(self.bands)) {
+            let group = Group { index: index as u32, cell_map, sums, fitted };
             for part in chunks(wanted.len() as u32, ITERATED) {
                 let mut rec = device.record()?;
                 fit::record_start(&mut rec, &equations, &group, &wanted_cells, part)?;
@@ -254,7 +253,7 @@ impl Engine {
         let cost = super::budget::Cost { kept: 0, ..self.cost(medium.grid(), settings, &map)? };
         let share = self.admitted("the fit", 0, &cost, |_| "take a coarser ratio, or allow more memory".into())?;
         let mut sweeper = Sweeper::new(self, medium, settings, &map, share.ring)?;
-        sweeper.pass(&sweep::rays(settings.directions, medium.grid()), &mut telling(settings, progress))?;
+        sweeper.pass(&sweep::rays(settings.directions, medium.grid()), &mut telling("sweep", progress))?;
         let Some(fit) = &sweeper.fit else { return Ok(Points { places: Vec::new(), weights: Vec::new(), seen: Vec::new() }) };
         let (count, kept) = ((fit.boxes * fit.per_box) as usize, settings.coefficients());
         let points: Vec<[f32; 4]> = self.device.read(&fit.points, count)?;

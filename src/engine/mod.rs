@@ -6,8 +6,8 @@ mod budget;
 mod buried;
 mod cost;
 mod estimate;
-mod fit;
 mod field;
+mod fit;
 pub mod host;
 mod occupancy;
 mod precompute;
@@ -21,7 +21,7 @@ use crate::scene::transfer::Table;
 use crate::scene::{Clip, Grid, Matter, Samples, Volume};
 use crate::stages::widen::SampleType;
 use crate::stages::{self, Encoding, MediumView};
-use crate::vk::{self, Buffer, Format, Image, ImageDesc};
+use crate::vk::{self, Buffer, Format, Image, ImageDesc, Recorder};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -126,6 +126,21 @@ impl Medium {
         self.volume.grid()
     }
 
+    /// Its volume.
+    pub fn volume(&self) -> &DeviceVolume {
+        &self.volume
+    }
+
+    /// What fills it.
+    pub fn matter(&self) -> &Matter {
+        &self.matter
+    }
+
+    /// Half spaces that clipping keeps, voxel coordinates.
+    pub fn clip(&self) -> &[[f32; 4]] {
+        &self.clip
+    }
+
     /// The tables that the kernels look up.
     pub fn table(&self) -> &Table {
         &self.table
@@ -162,6 +177,30 @@ impl Medium {
             occupancy: &self.occupancy.distances,
             flat_albedo: self.flat_albedo,
         }
+    }
+}
+
+/// Progress of a stage; its refusal cancels.
+fn telling<'a>(stage: &'static str, progress: &'a mut Progress) -> impl FnMut(f64) -> Result<()> + 'a {
+    move |fraction| match progress(stage, fraction as f32) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(Error::Cancelled),
+    }
+}
+
+/// Nobody listens.
+fn quiet(_: &'static str, _: f32) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// Submits each part of a stage but its last, and tells: places to stop.
+fn in_parts<'a>(tell: &'a mut dyn FnMut(f64) -> Result<()>) -> impl FnMut(&mut Recorder, f64) -> Result<()> + 'a {
+    move |rec, done| {
+        if done < 1.0 {
+            rec.submit_part()?;
+            tell(done)?;
+        }
+        Ok(())
     }
 }
 
@@ -317,16 +356,24 @@ impl Engine {
     /// # Errors
     /// As [`Engine::classify`], and as [`Clip::check`].
     pub fn classify_clipped(&self, volume: &DeviceVolume, matter: &Matter, clip: &Clip) -> Result<Medium> {
+        self.classify_watched(volume, matter, clip, &mut quiet)
+    }
+
+    /// The same, told of its progress.
+    ///
+    /// # Errors
+    /// As [`Engine::classify_clipped`], and [`Error::Cancelled`].
+    pub fn classify_watched(&self, volume: &DeviceVolume, matter: &Matter, clip: &Clip, progress: &mut Progress) -> Result<Medium> {
         clip.check()?;
-        self.classify_within(volume, matter, clip.half_spaces(volume.grid()))
+        self.classify_within(volume, matter, clip.half_spaces(volume.grid()), progress)
     }
 
     /// The same medium, of which `clip` cuts away more: to be looked into, in a light that was computed for the whole. Where
     /// shadows are to be cut too, [`Engine::classify_clipped`] is what a field must be computed of.
     ///
     /// # Errors
-    /// As [`Clip::check`], and [`Error::Invalid`] where the planes are too many together.
-    pub fn cut(&self, medium: &Medium, clip: &Clip) -> Result<Medium> {
+    /// As [`Clip::check`], [`Error::Invalid`] where the planes are too many together, and [`Error::Cancelled`].
+    pub fn cut(&self, medium: &Medium, clip: &Clip, progress: &mut Progress) -> Result<Medium> {
         clip.check()?;
         let planes = [&medium.clip[..], &clip.half_spaces(medium.grid())].concat();
         if planes.len() > stages::isosurface::MAX_CLIPS {
@@ -336,10 +383,12 @@ impl Engine {
                 right: format!("at most {} are cut by together", stages::isosurface::MAX_CLIPS),
             });
         }
-        self.classify_within(&medium.volume, &medium.matter, planes)
+        self.classify_within(&medium.volume, &medium.matter, planes, progress)
     }
 
-    fn classify_within(&self, volume: &DeviceVolume, matter: &Matter, clip: Vec<[f32; 4]>) -> Result<Medium> {
+    fn classify_within(&self, volume: &DeviceVolume, matter: &Matter, clip: Vec<[f32; 4]>, progress: &mut Progress) -> Result<Medium> {
+        let mut tell = telling("classify", progress);
+        tell(0.0)?;
         let grid = volume.grid();
         let mut table = matter.transfer.table(volume.range(), grid);
         if let (Some(surface), Some(albedo)) = (matter.surface, matter.surface_albedo()) {
@@ -356,7 +405,7 @@ impl Engine {
         self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
         let sigma = self.device.buffer_from("sigma", &[&table.sigma[..], clip.as_flattened()].concat())?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
-        let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some())?;
+        let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some(), &mut tell)?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
         Ok(Medium {
             volume: volume.clone(),

@@ -1,6 +1,6 @@
 //! Occupancy: the blocks' ranges at upload, their distances to matter at every classification.
 
-use super::{DeviceVolume, Engine, Medium};
+use super::{DeviceVolume, Engine, Medium, in_parts};
 use crate::error::Result;
 use crate::scene::Volume;
 use crate::scene::transfer::Table;
@@ -66,14 +66,20 @@ impl Engine {
         Ok(image)
     }
 
-    pub(super) fn occupancy_of(&self, volume: &DeviceVolume, table: &Table, surface: bool) -> Result<Occupancy> {
+    pub(super) fn occupancy_of(
+        &self,
+        volume: &DeviceVolume,
+        table: &Table,
+        surface: bool,
+        tell: &mut dyn FnMut(f64) -> Result<()>,
+    ) -> Result<Occupancy> {
         let ranges = &volume.0.ranges;
         let desc = ImageDesc { name: "occupancy", dims: ranges.dims(), levels: 1, format: Format::R8Unorm, views: &[], storage: true };
         let (distances, scratch) = (self.device.image3(&desc)?, self.device.image3(&ImageDesc { name: "occupancy, pass", ..desc })?);
         let filled = self.device.buffer_from("filled entries", &occupancy::filled(table))?;
         let mut rec = self.device.record()?;
         let map = volume.0.encoding.table_map(table.lo, table.hi);
-        occupancy::record(&mut rec, ranges, (&filled, map, surface), &distances, &scratch)?;
+        occupancy::record(&mut rec, ranges, (&filled, map, surface), (&distances, &scratch), &mut in_parts(tell))?;
         rec.submit()?;
         let read = self.device.read_image(&distances, 0)?;
         let dims = volume.grid().dims();

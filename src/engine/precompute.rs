@@ -2,13 +2,16 @@
 
 use super::estimate::{Estimator, Work};
 use super::sweep::Sweeper;
-use super::{Engine, Field, Medium, Progress};
+use super::{Engine, Field, Medium, Progress, telling};
 use crate::error::{Error, Result};
 use crate::scene::visibility::{Cells, Method};
 use crate::scene::{Grid, Visibility};
 use crate::stages::cells::{self, CellMap};
 use crate::stages::sweep;
 use std::ops::ControlFlow;
+
+/// The part of a hierarchical field's progress that its pyramid is.
+pub(super) const PYRAMID: f64 = 0.05;
 
 /// A finished pass of [`Engine::refine`].
 pub struct Pass<'a> {
@@ -18,16 +21,12 @@ pub struct Pass<'a> {
     pub directions: u32,
 }
 
-/// Progress of the method's stage; its refusal cancels.
-pub(super) fn telling<'a>(settings: &Visibility, progress: &'a mut Progress) -> impl FnMut(f64) -> Result<()> + 'a {
-    let stage = match settings.method {
+/// The method's stage.
+pub(super) fn stage(settings: &Visibility) -> &'static str {
+    match settings.method {
         Method::March => "march",
         Method::Hierarchical => "hierarchical",
         Method::Sweep => "sweep",
-    };
-    move |fraction| match progress(stage, fraction as f32) {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(Error::Cancelled),
     }
 }
 
@@ -89,13 +88,15 @@ impl Engine {
         let cells = map.cells();
         let work = |directions| Work { cells: &cells, directions, tile: share.tile };
         let held = (&map, &layout);
-        let mut tell = telling(settings, progress);
+        let mut tell = telling(stage(settings), progress);
         tell(0.0)?;
         if settings.method != Method::Sweep {
             let estimator = match settings.method {
-                Method::Hierarchical => Estimator::Hierarchical(self.pyramid(medium, settings)?),
+                Method::Hierarchical => Estimator::Hierarchical(self.pyramid(medium, settings, &mut |f| tell(PYRAMID * f))?),
                 _ => Estimator::March,
             };
+            let begun = if settings.method == Method::Hierarchical { PYRAMID } else { 0.0 };
+            let mut tell = |f| tell(begun + (1.0 - begun) * f);
             let field = self.packed(medium, settings, held, &work(settings.directions), &estimator, &mut tell)?;
             let _ = finished(&Pass { field: &field, directions: settings.directions });
             return Ok(field);
@@ -113,7 +114,7 @@ impl Engine {
             };
             let correction = correction.map(|c| self.device.buffer_from("correction", &c)).transpose()?;
             let estimator = Estimator::Sweep(&sweeper, correction);
-            let field = self.packed(medium, settings, held, &work(to), &estimator, &mut |_| Ok(()))?;
+            let field = self.packed(medium, settings, held, &work(to), &estimator, &mut |_| tell(part(to)))?;
             if finished(&Pass { field: &field, directions: to }).is_break() || to == settings.directions {
                 return Ok(field);
             }

@@ -1,6 +1,7 @@
 //! The reference picture: unbiased Monte Carlo single scattering, in passes, until its own standard error is small enough.
 
-use super::{Engine, Medium, Pacer, Progress};
+use super::budget::{SLACK, image_bytes};
+use super::{Engine, Medium, Pacer, Progress, in_parts};
 use crate::error::{Error, Result};
 use crate::scene::sky::Sky;
 use crate::scene::{Camera, ImageSettings, Picture};
@@ -78,12 +79,28 @@ impl Engine {
         settings: &ReferenceSettings,
         progress: &mut Progress,
     ) -> Result<Reference> {
+        self.refine_reference(medium, sky, (camera, image), settings, progress, &mut |_| ())
+    }
+
+    /// The same; `finished` is given the picture after each pass, the last among them.
+    ///
+    /// # Errors
+    /// As [`Engine::render_reference`].
+    pub fn refine_reference(
+        &self,
+        medium: &Medium,
+        sky: &Sky,
+        (camera, image): (&Camera, &ImageSettings),
+        settings: &ReferenceSettings,
+        progress: &mut Progress,
+        finished: &mut dyn FnMut(&Reference),
+    ) -> Result<Reference> {
         let begun = Instant::now();
         check(settings)?;
-        let tracer = self.tracer(medium, sky, camera, image, settings.seed)?;
         let most = settings.samples.max(1).div_ceil(BLOCK).max(2).saturating_mul(BLOCK);
         let mut job = Job { progress, told: 0.0, rows: image.height as f64 };
         job.tell(0.0)?;
+        let tracer = self.tracer(medium, sky, (camera, image), settings.seed, &mut |_| job.tell(0.0))?;
         let mut last: Option<Reference> = None;
         let (mut done, mut goal) = (0, most.min(settings.first.div_ceil(BLOCK).max(2).saturating_mul(BLOCK)));
         // What is likely to be needed in all: the scale of the progress.
@@ -98,6 +115,7 @@ impl Engine {
             }
             done = goal;
             let reference = tracer.finish(self, done, image)?;
+            finished(&reference);
             let enough = settings.error > 0.0 && reference.relative_error <= settings.error;
             let seconds = begun.elapsed().as_secs_f64();
             let left = settings.seconds.map_or(f64::INFINITY, |s| s - seconds);
@@ -119,8 +137,23 @@ impl Engine {
         }
     }
 
+    /// Bytes of device memory that a reference picture takes.
+    pub(super) fn reference_bytes(&self, medium: &Medium, sky: &Sky, image: &ImageSettings) -> u64 {
+        let tables = sky.tables();
+        let sky_bytes = (4 * tables.cumulative.len() + 16 * tables.weights.len()) as u64;
+        let majorants = image_bytes(majorant::cells(medium.grid().dims()), 4);
+        PIXEL * (image.width * image.height) as u64 + sky_bytes + majorants + SLACK
+    }
+
     /// Uploads what stays the same for all passes.
-    fn tracer<'a>(&self, medium: &'a Medium, sky: &Sky, camera: &Camera, image: &ImageSettings, seed: u32) -> Result<Tracer<'a>> {
+    fn tracer<'a>(
+        &self,
+        medium: &'a Medium,
+        sky: &Sky,
+        (camera, image): (&Camera, &ImageSettings),
+        seed: u32,
+        tell: &mut dyn FnMut(f64) -> Result<()>,
+    ) -> Result<Tracer<'a>> {
         let grid = medium.grid();
         let view = View::new(grid, &camera.rays(grid, image.width, image.height)?);
         let step_length = image.step * grid.voxel_length();
@@ -160,9 +193,7 @@ impl Engine {
 
         let tables = sky.tables();
         let cells = majorant::cells(grid.dims());
-        let pixels = (image.width * image.height) as u64;
-        let sky_bytes = (4 * tables.cumulative.len() + 16 * tables.weights.len()) as u64;
-        let needs = PIXEL * pixels + sky_bytes + 4 * cells.iter().map(|&c| u64::from(c)).product::<u64>();
+        let needs = self.reference_bytes(medium, sky, image);
         self.ask("the reference picture", needs, |_| "render fewer pixels, take a smaller probe, or allow more memory".into())?;
         let desc = ImageDesc { name: "majorants", dims: cells, levels: 1, format: Format::R32Sfloat, views: &[], storage: true };
         let majorants = self.device.image3(&desc)?;
@@ -175,7 +206,7 @@ impl Engine {
         let mut rec = self.device.record()?;
         // A fresh image takes the layout for stores; fresh sums are written before they are read.
         rec.barrier(&[majorants.mip(0).from(Access::None).to(Access::ComputeWrite)]);
-        majorant::record(&mut rec, &medium.view(), &majorants)?;
+        majorant::record(&mut rec, &medium.view(), &majorants, &mut in_parts(tell))?;
         // From here on it is only read.
         rec.barrier(&[majorants.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
         for band in &bands {
@@ -210,7 +241,7 @@ impl Engine {
         let mut rec = self.device.record()?;
         // A fresh image takes the layout for stores.
         rec.barrier(&[majorants.mip(0).from(Access::None).to(Access::ComputeWrite)]);
-        majorant::record(&mut rec, &medium.view(), &majorants)?;
+        majorant::record(&mut rec, &medium.view(), &majorants, &mut |_, _| Ok(()))?;
         rec.submit()?;
         let bytes = self.device.read_image(&majorants, 0)?;
         Ok(bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())

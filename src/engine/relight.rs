@@ -1,7 +1,7 @@
 //! A field under a light.
 
 use super::budget::image_bytes;
-use super::{Engine, Field};
+use super::{Engine, Field, Progress, in_parts, quiet, telling};
 use crate::error::Result;
 use crate::scene::Light;
 use crate::stages::relight;
@@ -47,6 +47,16 @@ impl Engine {
     /// # Errors
     /// [`crate::Error::OutOfMemory`], and what the device refuses.
     pub fn relight(&self, field: &Field, light: &Light) -> Result<Lit> {
+        self.relight_watched(field, light, &mut quiet)
+    }
+
+    /// The same, told of its progress.
+    ///
+    /// # Errors
+    /// As [`Engine::relight`], and [`crate::Error::Cancelled`].
+    pub fn relight_watched(&self, field: &Field, light: &Light, progress: &mut Progress) -> Result<Lit> {
+        let mut tell = telling("relight", progress);
+        tell(0.0)?;
         let bricks = field.bricks();
         let dims = relight::dims(bricks);
         let format = relight::format(light.coefficients.iter().all(|l| l[0] == l[1] && l[1] == l[2]));
@@ -64,7 +74,8 @@ impl Engine {
         let mut rec = self.device.record()?;
         // A fresh image takes the layout for stores.
         rec.barrier(&[image.mip(0).from(Access::None).to(Access::ComputeWrite)]);
-        relight::record(&mut rec, &field.packed(), (field.dims(), bricks), &light_buffer, &image, field.settings().bands)?;
+        let (dims, bands) = (field.dims(), field.settings().bands);
+        relight::record(&mut rec, &field.packed(), (dims, bricks), &light_buffer, &image, bands, &mut in_parts(&mut tell))?;
         // The renderers only read it.
         rec.barrier(&[image.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
         rec.submit()?;

@@ -1,12 +1,11 @@
 //! The way in: every entry runs inside [`enter`]; nothing unwinds out of it, and its fault is kept for `hl_last_error`.
 
 use super::abi::*;
+use super::defect;
 use super::fault::{self, Fault, Result};
 use super::handle::{self, Object};
 use super::host::{Active, Host};
-use std::any::Any;
 use std::ffi::{CStr, OsStr, c_char};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -21,29 +20,24 @@ pub(super) struct Scope {
 /// Runs the body of an entry.
 pub(super) fn enter(body: impl FnOnce(&mut Scope) -> Result<hl_status>) -> hl_status {
     let mut scope = Scope::default();
-    let outcome = catch_unwind(AssertUnwindSafe(|| body(&mut scope)));
-    let fault = match outcome {
+    let fault = match defect::caught(|| body(&mut scope)) {
         Ok(Ok(status)) => return status,
         Ok(Err(fault)) => fault,
-        Err(payload) => panicked(scope.host.as_deref(), payload.as_ref()),
+        Err(said) => panicked(scope.host.as_deref(), &said),
     };
     let status = fault.status;
     fault::remember(scope.host.map_or(0, |h| h.id), fault);
     status
 }
 
-/// Poisons the engine that a panic went through.
-pub(super) fn panicked(host: Option<&Host>, payload: &(dyn Any + Send)) -> Fault {
-    let what = payload.downcast_ref::<&str>().map(|s| (*s).to_owned()).or_else(|| payload.downcast_ref::<String>().cloned());
-    let what = what.unwrap_or_else(|| "an exception".into());
-    let after = match host {
-        Some(host) => {
-            host.poison();
-            "; the engine can only be destroyed"
-        }
-        None => "",
-    };
-    Fault::new(HL_ERROR_INTERNAL, format!("a defect was hit: {what}{after}"))
+/// Poisons the engine that a panic went through, and tells its log.
+pub(super) fn panicked(host: Option<&Host>, said: &str) -> Fault {
+    let Some(host) = host else { return Fault::new(HL_ERROR_INTERNAL, format!("a defect was hit: {said}")) };
+    host.poison(said);
+    let text = format!("a defect was hit: {said}; the engine can only be destroyed");
+    // The log is the host's, and may have a defect of its own.
+    let _ = defect::caught(|| host.log.write(host.id, HL_LOG_ERROR, &text));
+    Fault::new(HL_ERROR_INTERNAL, text)
 }
 
 impl Scope {
@@ -91,6 +85,13 @@ impl Scope {
         })
     }
 
+    /// What a call begins with that makes something: its output says "nothing", and what it is `of` is found before a fault
+    /// of the output, which the engine then keeps.
+    pub fn making<T, R>(&mut self, item: &str, at: *mut *mut T, of: impl FnOnce(&mut Self) -> Result<R>) -> Result<(R, Out<T>)> {
+        let out = out(item, at);
+        Ok((of(self)?, out?))
+    }
+
     fn about(&mut self, host: &Arc<Host>, name: &str) -> Result<()> {
         match &self.host {
             Some(first) if !Arc::ptr_eq(first, host) => {
@@ -104,7 +105,7 @@ impl Scope {
     }
 }
 
-/// Sets an output to "nothing"; the place to write the result to. Its fault is looked at once the engine is known, which keeps it.
+/// Sets an output to "nothing"; the place to write the result to.
 pub(super) fn out<T>(item: &str, at: *mut *mut T) -> Result<Out<T>> {
     if at.is_null() {
         return Err(Fault::invalid(item, "is NULL", "a place for the handle is needed"));

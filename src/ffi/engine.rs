@@ -2,6 +2,7 @@
 
 use super::abi::*;
 use super::call::{Scope, copy_text, enter, fill, out, put, read, switch, words};
+use super::defect;
 use super::fault::{self, Fault, Result};
 use super::handle::{self, Object};
 use super::host::Host;
@@ -55,7 +56,7 @@ pub unsafe extern "C" fn hl_status_name(status: hl_status, name: *mut *const c_c
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_last_error(engine: *const hl_engine, text: *mut c_char, size: u64) -> hl_status {
     // No fault of its own is kept: that would hide the one that is asked for.
-    let found = std::panic::catch_unwind(|| fault::last((!engine.is_null()).then(|| engine.addr())));
+    let found = defect::caught(|| fault::last((!engine.is_null()).then(|| engine.addr())));
     let found = found.ok().flatten();
     let sentence = found.as_ref().map_or("", |f| f.text.as_str());
     if !text.is_null() && size > 0 {

@@ -6,11 +6,9 @@ use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::{Host, lock};
 use super::volume::VolumeCell;
-use crate::engine::{Engine, Field, Lit, Medium};
-use crate::io;
+use crate::engine::{Engine, Field, Lit, Medium, Progress};
 use crate::scene::visibility::{Method, Wanted};
 use crate::scene::{Clip, Light, Visibility};
-use std::ffi::c_char;
 use std::sync::{Arc, Mutex, Weak};
 
 /// What a field's handle stands for. It never changes: nobody has to wait for its readers.
@@ -82,38 +80,30 @@ impl FieldCell {
     }
 
     /// The field under a light; computed where it was last under another.
-    pub fn lit(&self, engine: &Engine, light: &Light) -> Result<Arc<Lit>> {
-        let mut kept = lock(&self.lit);
-        if let Some((last, lit)) = &*kept
-            && last == light
-        {
-            return Ok(lit.clone());
+    pub fn lit(&self, engine: &Engine, light: &Light, progress: &mut Progress) -> Result<Arc<Lit>> {
+        if let Some(lit) = last(&self.lit, light) {
+            return Ok(lit);
         }
-        // The old one goes first: both need not fit.
-        *kept = None;
-        let lit = Arc::new(engine.relight(&self.field, light)?);
-        *kept = Some((*light, lit.clone()));
+        let lit = Arc::new(engine.relight_watched(&self.field, light, progress)?);
+        *lock(&self.lit) = Some((*light, lit.clone()));
         Ok(lit)
     }
 
     /// The medium that is looked at through a cut; classified anew where the last one was another.
-    pub fn seen(&self, engine: &Engine, clip: &Clip) -> Result<Arc<Medium>> {
+    pub fn seen(&self, engine: &Engine, clip: &Clip, progress: &mut Progress) -> Result<Arc<Medium>> {
         if *clip == Clip::default() {
             return Ok(self.medium.clone());
         }
-        let mut kept = lock(&self.cut);
-        if let Some((last, medium)) = &*kept
-            && last == clip
-        {
-            return Ok(medium.clone());
+        if let Some(medium) = last(&self.cut, clip) {
+            return Ok(medium);
         }
-        *kept = None;
-        let medium = Arc::new(engine.cut(&self.medium, clip)?);
-        *kept = Some((clip.clone(), medium.clone()));
+        let medium = Arc::new(engine.cut(&self.medium, clip, progress)?);
+        *lock(&self.cut) = Some((clip.clone(), medium.clone()));
         Ok(medium)
     }
 
-    fn read(&self) -> Result<Vec<f32>> {
+    /// Its coefficients.
+    pub fn read(&self) -> Result<Vec<f32>> {
         let turn = self.host.turn()?;
         Ok(turn.engine().read_field(&self.field)?)
     }
@@ -121,6 +111,16 @@ impl FieldCell {
     fn count(&self) -> u64 {
         self.field.dims().iter().map(|&n| n as u64).product::<u64>() * self.field.settings().coefficients() as u64
     }
+}
+
+/// What was last made for a key, if it is this; otherwise it goes before another is made, for both need not fit. Nothing is locked
+/// meanwhile: between two dispatches others have the device, and may want the same.
+fn last<K: PartialEq, T>(kept: &Mutex<Option<(K, Arc<T>)>>, key: &K) -> Option<Arc<T>> {
+    let mut kept = lock(kept);
+    if kept.as_ref().is_some_and(|(last, _)| last != key) {
+        *kept = None;
+    }
+    kept.as_ref().map(|(_, made)| made.clone())
 }
 
 /// The number of a method.
@@ -200,18 +200,6 @@ pub unsafe extern "C" fn hl_field_unmap(field: *mut hl_field) -> hl_status {
             1 => *mapped = (0, None),
             _ => mapped.0 -= 1,
         }
-        Ok(HL_OK)
-    })
-}
-
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn hl_field_save(field: *const hl_field, path: *const c_char) -> hl_status {
-    enter(|scope| {
-        let cell = scope.get::<FieldCell>(field)?;
-        let path = super::call::path(path)?;
-        let data = cell.read()?;
-        let meta = super::precompute::meta(cell.field.settings());
-        io::write_nrrd_field(&path, cell.field.dims(), cell.field.settings().coefficients(), &data, cell.medium.grid(), &meta)?;
         Ok(HL_OK)
     })
 }

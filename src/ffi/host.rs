@@ -6,8 +6,8 @@ use super::log::Log;
 use super::vulkan::Guard;
 use crate::engine::{Engine, Span};
 use std::cell::RefCell;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, RwLock, Weak};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, RwLock, Weak};
 
 use super::job::Job;
 
@@ -18,7 +18,8 @@ pub(super) struct Host {
     engine: RwLock<Option<Arc<Engine>>>,
     queue: Mutex<Queue>,
     moved: Condvar,
-    poisoned: AtomicBool,
+    /// What the defect said that was hit on it.
+    poisoned: OnceLock<String>,
     pub log: Log,
     /// Jobs that may still run.
     pub jobs: Mutex<Vec<Weak<Job>>>,
@@ -56,7 +57,7 @@ impl Host {
             engine: RwLock::new(Some(Arc::new(engine))),
             queue: Mutex::default(),
             moved: Condvar::new(),
-            poisoned: AtomicBool::new(false),
+            poisoned: OnceLock::new(),
             log,
             jobs: Mutex::default(),
             told: AtomicUsize::new(0),
@@ -70,15 +71,18 @@ impl Host {
         engine.ok_or_else(|| Fault::new(HL_ERROR_HANDLE, "engine: it is being destroyed"))
     }
 
-    pub fn poison(&self) {
-        self.poisoned.store(true, Ordering::SeqCst);
+    pub fn poison(&self, said: &str) {
+        // The first is the cause.
+        let _ = self.poisoned.set(said.to_owned());
     }
 
     /// Refuses a poisoned engine.
     pub fn whole(&self) -> Result<()> {
-        match self.poisoned.load(Ordering::SeqCst) {
-            true => Err(Fault::new(HL_ERROR_POISONED, "engine: a defect was hit earlier; destroy it and create another")),
-            false => Ok(()),
+        match self.poisoned.get() {
+            Some(said) => {
+                Err(Fault::new(HL_ERROR_POISONED, format!("engine: a defect was hit earlier: {said}; destroy it and create another")))
+            }
+            None => Ok(()),
         }
     }
 

@@ -1,14 +1,13 @@
 //! `hl_image_*`: pixels in host memory.
 
 use super::abi::*;
-use super::call::{alone, choice, enter, fill, finite, out, put, read, switch};
+use super::call::{alone, choice, enter, fill, finite, put, read, switch};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::{Host, lock};
 use super::layers::{self, Layers};
 use super::log::{Borrowed, Release};
 use super::pixels::{self, Layout};
-use crate::engine::LAYERS;
 use crate::io::{self, ExrCompression, ExrOptions};
 use crate::measure::{self, flip::Flip};
 use crate::scene::Picture;
@@ -29,7 +28,7 @@ pub(super) struct ImageCell {
 pub(super) struct Mapped {
     pub count: u32,
     picture: Option<Arc<Picture>>,
-    pub layers: [Option<Arc<Vec<f32>>>; LAYERS.len()],
+    pub layers: [Option<Arc<Vec<f32>>>; layers::COUNT],
 }
 
 enum Data {
@@ -74,9 +73,7 @@ impl ImageCell {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_create(engine: *mut hl_engine, info: *const hl_image_info, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image);
-        let host = scope.engine(engine)?;
-        let out = out?;
+        let (host, out) = scope.making("image", image, |s| s.engine(engine))?;
         let info = read("hl_image_info", info)?;
         alone("hl_image_info", info.next)?;
         if info.data.is_null() {
@@ -97,9 +94,7 @@ pub unsafe extern "C" fn hl_image_create(engine: *mut hl_engine, info: *const hl
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_load(engine: *mut hl_engine, path: *const c_char, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image);
-        let host = scope.engine(engine)?;
-        let out = out?;
+        let (host, out) = scope.making("image", image, |s| s.engine(engine))?;
         let path = super::call::path(path)?;
         let picture = host.log.during(host.id, || load(&path))?;
         out.give(ImageCell::new(host, picture, None))
@@ -254,9 +249,7 @@ pub unsafe extern "C" fn hl_image_compare(a: *const hl_image, b: *const hl_image
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_image_difference(a: *const hl_image, b: *const hl_image, kind: i32, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image);
-        let cell = scope.get::<ImageCell>(a)?;
-        let out = out?;
+        let (cell, out) = scope.making("image", image, |s| s.get::<ImageCell>(a))?;
         let (a, b) = (cell.picture()?, scope.get::<ImageCell>(b)?.picture()?);
         let flipped = choice("kind", kind, &[(HL_DIFFERENCE_SIGNED, false), (HL_DIFFERENCE_FLIP, true)])?;
         let drawn = if flipped { flip(&a, &b)?.drawn(b.width, b.height) } else { measure::signed(&a, &b)? };

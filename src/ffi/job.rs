@@ -1,7 +1,9 @@
 //! `hl_job_*`: work on a thread of its own, and what it shares with blocking calls: progress, cancelling, results.
 
 use super::abi::*;
-use super::call::{Scope, copy_text, enter, fill, out, panicked};
+use super::call::{Scope, copy_text, enter, fill, panicked};
+use super::defect;
+use super::estimate::Estimate;
 use super::fault::{Fault, Result};
 use super::field::FieldCell;
 use super::handle::Object;
@@ -10,7 +12,6 @@ use super::image::ImageCell;
 use crate::engine::{Engine, Span};
 use std::ffi::{CString, c_void};
 use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -39,6 +40,7 @@ struct State {
     error: Option<[f64; 3]>,
     field: Option<Arc<FieldCell>>,
     image: Option<Arc<ImageCell>>,
+    estimate: Option<Estimate>,
 }
 
 impl Object for Job {
@@ -100,8 +102,8 @@ impl Job {
     }
 
     fn thread(self: Arc<Self>, active: Active, progress: Progress, body: Body) {
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.clone().work(progress, body)));
-        let outcome = outcome.unwrap_or_else(|payload| Err(panicked(Some(&self.host), payload.as_ref())));
+        let outcome = defect::caught(|| self.clone().work(progress, body));
+        let outcome = outcome.unwrap_or_else(|said| Err(panicked(Some(&self.host), &said)));
         let mut state = lock(&self.state);
         state.seconds = self.begun.elapsed().as_secs_f64();
         state.outcome = Some(outcome);
@@ -143,6 +145,10 @@ impl Job {
 
     pub fn image(&self) -> Option<Arc<ImageCell>> {
         lock(&self.state).image.clone()
+    }
+
+    pub fn estimate(&self) -> Option<Estimate> {
+        lock(&self.state).estimate
     }
 }
 
@@ -229,12 +235,19 @@ impl Work {
         state.field = Some(field);
     }
 
-    /// A finished picture.
-    pub fn image(&self, image: Arc<ImageCell>, samples: u32) {
+    /// A finished picture, or pass of a reference picture with its samples a pixel and its standard error.
+    pub fn image(&self, image: Arc<ImageCell>, pass: Option<(u32, f64)>) {
         let mut state = lock(&self.job.state);
         state.passes += 1;
-        state.directions = samples;
+        if let Some((samples, error)) = pass {
+            (state.directions, state.error) = (samples, Some([error; 3]));
+        }
         state.image = Some(image);
+    }
+
+    /// What work will cost.
+    pub fn estimate(&self, estimate: Estimate) {
+        lock(&self.job.state).estimate = Some(estimate);
     }
 
     /// The measured error, and its interval.
@@ -331,9 +344,7 @@ pub unsafe extern "C" fn hl_job_timing(job: *const hl_job, index: u32, timing: *
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_job_get_field(job: *mut hl_job, field: *mut *mut hl_field) -> hl_status {
     enter(|scope| {
-        let out = out("field", field);
-        let job = scope.job(job)?;
-        let out = out?;
+        let (job, out) = scope.making("field", field, |s| s.job(job))?;
         match job.field() {
             Some(field) => out.give(field),
             None => Ok(HL_NOT_READY),
@@ -344,13 +355,19 @@ pub unsafe extern "C" fn hl_job_get_field(job: *mut hl_job, field: *mut *mut hl_
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_job_get_image(job: *mut hl_job, image: *mut *mut hl_image) -> hl_status {
     enter(|scope| {
-        let out = out("image", image);
-        let job = scope.job(job)?;
-        let out = out?;
+        let (job, out) = scope.making("image", image, |s| s.job(job))?;
         match job.image() {
             Some(image) => out.give(image),
             None => Ok(HL_NOT_READY),
         }
+    })
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn hl_job_get_estimate(job: *mut hl_job, estimate: *mut hl_estimate) -> hl_status {
+    enter(|scope| match scope.job(job)?.estimate() {
+        Some(found) => found.tell(estimate),
+        None => fill("hl_estimate", estimate, |_| ()).map(|_| HL_NOT_READY),
     })
 }
 

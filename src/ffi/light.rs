@@ -1,7 +1,7 @@
 //! `hl_light_*`: distant light.
 
 use super::abi::*;
-use super::call::{alone, choice, enter, finite, numbers, out, put, read};
+use super::call::{alone, choice, enter, finite, numbers, put, read};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::{Host, Users, lock};
@@ -176,9 +176,7 @@ fn rotation(axis: [f64; 3], degrees: f64) -> Result<Option<(DVec3, f64)>> {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_light_create(engine: *mut hl_engine, info: *const hl_light_info, light: *mut *mut hl_light) -> hl_status {
     enter(|scope| {
-        let out = out("light", light);
-        let host = scope.engine(engine)?;
-        let out = out?;
+        let (host, out) = scope.making("light", light, |s| s.engine(engine))?;
         let state = if info.is_null() {
             LightState::white()
         } else {

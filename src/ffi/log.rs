@@ -1,7 +1,8 @@
 //! The host's log: what this crate says through the `log` crate while it works for an engine goes to that engine's callback.
 
 use super::abi::*;
-use super::fault::Result;
+use super::defect;
+use super::fault::{self, Fault, Result};
 use super::host::call_back;
 use std::cell::RefCell;
 use std::ffi::{CString, c_void};
@@ -115,7 +116,9 @@ impl Drop for Release {
                     unsafe { release(self.user, self.data) }
                 })
             };
-            let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run));
+            if let Err(said) = defect::caught(run) {
+                fault::remember(self.engine, Fault::new(HL_ERROR_INTERNAL, format!("a defect was hit in a release: {said}")));
+            }
         }
     }
 }

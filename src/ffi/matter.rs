@@ -1,7 +1,7 @@
 //! `hl_transfer_*` and `hl_surface`, `hl_clip`: what fills a volume.
 
 use super::abi::*;
-use super::call::{alone, choice, enter, finite, numbers, out, read, switch, words};
+use super::call::{alone, choice, enter, finite, numbers, read, switch, words};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::{Host, Users, lock};
@@ -51,6 +51,12 @@ impl Object for TransferCell {
 impl AsRef<Users> for TransferCell {
     fn as_ref(&self) -> &Users {
         &self.users
+    }
+}
+
+impl TransferCell {
+    fn new(host: &Arc<Host>, state: State) -> Arc<Self> {
+        Arc::new(Self { host: host.clone(), users: Users::default(), state: Mutex::new(state) })
     }
 }
 
@@ -144,11 +150,8 @@ pub unsafe extern "C" fn hl_transfer_create(
     transfer: *mut *mut hl_transfer,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("transfer", transfer);
-        let host = scope.engine(engine)?;
-        let out = out?;
-        let state = Mutex::new(State::of(info)?);
-        out.give(Arc::new(TransferCell { host, users: Users::default(), state }))
+        let (host, out) = scope.making("transfer", transfer, |s| s.engine(engine))?;
+        out.give(TransferCell::new(&host, State::of(info)?))
     })
 }
 
@@ -160,24 +163,20 @@ pub unsafe extern "C" fn hl_transfer_load(
     transfer: *mut *mut hl_transfer,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("transfer", transfer);
-        let host = scope.engine(engine)?;
-        let out = out?;
+        let (host, out) = scope.making("transfer", transfer, |s| s.engine(engine))?;
         let path = super::call::path(path)?;
         let state = host.log.during(host.id, || State::of_file(&path, info))?;
-        out.give(Arc::new(TransferCell { host, users: Users::default(), state: Mutex::new(state) }))
+        out.give(TransferCell::new(&host, state))
     })
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_transfer_guess(volume: *const hl_volume, transfer: *mut *mut hl_transfer) -> hl_status {
     enter(|scope| {
-        let out = out("transfer", transfer);
-        let volume = scope.get::<VolumeCell>(volume)?;
-        let out = out?;
+        let (volume, out) = scope.making("transfer", transfer, |s| s.get::<VolumeCell>(volume))?;
         let points = io::guess_transfer(&volume.described()?);
         let state = State::Points(Transfer::from_points(&points, Kind::Opacity, Reference::Voxel)?);
-        out.give(Arc::new(TransferCell { host: volume.host().clone(), users: Users::default(), state: Mutex::new(state) }))
+        out.give(TransferCell::new(volume.host(), state))
     })
 }
 

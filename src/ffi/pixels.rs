@@ -94,7 +94,7 @@ impl Layout {
     }
 }
 
-/// Copies a picture to `data`, which has `size` bytes.
+/// Copies a picture to `size` bytes, in which its top left pixel lies at `data`.
 pub(super) fn write(picture: &Picture, format: i32, exposure: f64, data: *mut u8, row_stride: i64, size: u64) -> Result<()> {
     let format = Format::of("format", format)?;
     if data.is_null() {
@@ -106,7 +106,7 @@ pub(super) fn write(picture: &Picture, format: i32, exposure: f64, data: *mut u8
     let row = picture.width * format.bytes();
     let stride = if row_stride == 0 { row as i64 } else { row_stride };
     let needs = (picture.height as u64 - 1).checked_mul(stride.unsigned_abs()).and_then(|n| n.checked_add(row as u64));
-    if stride < row as i64 || needs.is_none_or(|n| n > size) {
+    if stride.unsigned_abs() < row as u64 || needs.is_none_or(|n| n > size) {
         let what = format!("{size} bytes in rows of {stride}");
         return Err(Fault::invalid("size and row_stride", what, &format!("{} rows of {row} bytes are needed", picture.height)));
     }
@@ -117,8 +117,9 @@ pub(super) fn write(picture: &Picture, format: i32, exposure: f64, data: *mut u8
             Format::Rgb32F => pixels.iter().flat_map(|&[r, g, b, _]| bytemuck::cast::<_, [u8; 12]>([r, g, b])).collect(),
             Format::Rgba8 => pixels.iter().flat_map(|&p| display(p, gain)).collect(),
         };
-        // SAFETY: the caller says that `size` bytes are there; the check above keeps every row within them.
-        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), data.add(y * stride as usize), row) };
+        // SAFETY: the caller says that `size` bytes are there, behind `data` or, where rows go upwards, with `data` as the last
+        // of them; the check above keeps every row within them, and so the offset within what can be counted.
+        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), data.offset(y as isize * stride as isize), row) };
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! `hl_precompute*`: from a volume and its matter to a field.
 
 use super::abi::*;
-use super::call::{Scope, alone, choice, enter, fill, out, read, switch};
+use super::call::{Scope, alone, choice, enter, read, switch};
 use super::fault::{Fault, Result};
 use super::field::{Asked, FieldCell};
 use super::host::{Host, InUse};
@@ -9,35 +9,35 @@ use super::job::{Body, Job, Progress, Work};
 use super::matter::{TransferCell, clip, matter};
 use super::volume::VolumeCell;
 use crate::engine::{Engine, Field, Medium};
-use crate::io::{self, ReadOptions};
 use crate::measure::{self, Budget};
 use crate::plan;
 use crate::scene::visibility::{Cells, Filter, Method, Quality, Sampling, Wanted};
-use crate::scene::{Matter, Scene, Visibility};
-use std::ffi::c_char;
+use crate::scene::{Matter, Visibility};
 use std::ops::ControlFlow;
-use std::path::Path;
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
 /// Device seconds that measuring may take where the host says nothing.
 const MEASURE_SECONDS: f64 = 60.0;
 
+/// The part of the progress that classification is.
+pub(super) const CLASSIFIED: f32 = 0.03;
+
 /// A whole request. It holds what it reads.
-struct Request {
-    host: Arc<Host>,
-    volume: Arc<VolumeCell>,
+pub(super) struct Request {
+    pub host: Arc<Host>,
+    pub volume: Arc<VolumeCell>,
     /// Cannot be changed while this lives.
     _transfer: Option<InUse<TransferCell>>,
     matter: Matter,
     previous: Option<Arc<FieldCell>>,
-    asked: Asked,
-    progressive: bool,
-    measure: Option<f64>,
-    progress: Progress,
+    pub asked: Asked,
+    pub progressive: bool,
+    pub measure: Option<f64>,
+    pub progress: Progress,
 }
 
 impl Request {
-    fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_precompute_info) -> Result<Self> {
+    pub fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_precompute_info) -> Result<Self> {
         let host = scope.engine(engine)?;
         let info = read("hl_precompute_info", info)?;
         alone("hl_precompute_info", info.next)?;
@@ -71,12 +71,26 @@ impl Request {
         })
     }
 
-    fn medium(&self, engine: &Engine) -> Result<Medium> {
-        Ok(engine.classify_clipped(&self.volume.device, &self.matter, &self.asked.clip)?)
+    pub fn medium(&self, engine: &Engine, progress: &mut crate::engine::Progress) -> Result<Arc<Medium>> {
+        Ok(Arc::new(engine.classify_watched(&self.volume.device, &self.matter, &self.asked.clip, progress)?))
+    }
+
+    /// The medium, and the field of it that is there already, if one is.
+    pub fn begin(&self, work: &mut Work, engine: &Engine) -> Result<(Arc<Medium>, Option<Arc<FieldCell>>)> {
+        work.step("classify", 0.0)?;
+        work.part(0.0, CLASSIFIED);
+        let medium = self.medium(engine, &mut |stage, f| work.tell(stage, f))?;
+        let same = self.previous.as_ref().and_then(|p| p.recoloured(&medium, &self.asked));
+        Ok((medium, same))
+    }
+
+    /// How an error is measured in so much time. The sweep's own error before packing is left out: nobody is told.
+    pub fn budget(seconds: f64) -> Budget {
+        Budget { seconds, field_seconds: Some(f64::INFINITY) }
     }
 
     /// What a plan is asked for, if one is.
-    fn plan(&self) -> Option<plan::Request> {
+    pub fn plan(&self) -> Option<plan::Request> {
         let v = &self.asked.settings;
         self.asked.wanted.map(|wanted| plan::Request {
             wanted,
@@ -94,9 +108,8 @@ impl Request {
 
     fn work(self, work: &mut Work) -> Result<()> {
         let engine = work.engine();
-        work.step("classify", 0.0)?;
-        let medium = Arc::new(self.medium(&engine)?);
-        if let Some(same) = self.previous.as_ref().and_then(|p| p.recoloured(&medium, &self.asked)) {
+        let (medium, same) = self.begin(work, &engine)?;
+        if let Some(same) = same {
             let directions = same.field.settings().directions;
             if let Some(error) = same.error {
                 work.error(error);
@@ -108,7 +121,7 @@ impl Request {
         let (field, mut error) = match self.plan() {
             Some(request) => self.planned(work, &engine, &medium, &request, end)?,
             None => {
-                work.part(0.0, end);
+                work.part(CLASSIFIED, end);
                 (self.computed(work, &engine, &medium)?, None)
             }
         };
@@ -155,7 +168,7 @@ impl Request {
         end: f32,
     ) -> Result<(Field, Option<[f64; 3]>)> {
         let volume = self.volume.volume(engine)?;
-        work.part(0.0, 0.4 * end);
+        work.part(CLASSIFIED, 0.4 * end);
         let mut plan = plan::choose(engine, &volume, medium, request, &mut |_, f| work.tell("plan", f))?;
         for reason in &plan.reasons {
             log::info!("{reason}");
@@ -177,10 +190,10 @@ impl Request {
 
     fn measured(&self, work: &mut Work, engine: &Engine, medium: &Medium, field: &Field, seconds: f64) -> Result<[f64; 3]> {
         let volume = self.volume.volume(engine)?;
-        let budget = Budget { seconds, field_seconds: Some(f64::INFINITY) };
-        let plan = measure::Plan::new(engine, &volume, medium, field.settings(), &budget)?;
+        let mut pilot = |_: &'static str, f: f32| work.tell("measure", 0.1 * f);
+        let plan = measure::Plan::watched(engine, &volume, medium, field.settings(), &Self::budget(seconds), &mut pilot)?;
         let kept = engine.read_field(field)?;
-        let report = measure::Report::measure(engine, medium, field, &kept, &plan, &mut |_, f| work.tell("measure", f))?;
+        let report = measure::Report::measure(engine, medium, field, &kept, &plan, &mut |_, f| work.tell("measure", 0.1 + 0.9 * f))?;
         let error = report.after.kept;
         Ok([error.relative_l2, error.interval[0], error.interval[1]])
     }
@@ -217,7 +230,7 @@ fn settings(info: &hl_precompute_info) -> Result<Visibility> {
         growth: if info.growth == 0.0 { default.growth } else { info.growth },
         step: if info.step == 0.0 { default.step } else { info.step },
         near: or("hl_precompute_info.near_slices", info.near_slices, default.near)?,
-        fit: default.fit,
+        fit: info.fit,
         cells: if switch("hl_precompute_info.all_cells", info.all_cells)? { Cells::All } else { Cells::Matter },
     };
     settings.check()?;
@@ -243,9 +256,7 @@ fn wanted(info: &hl_precompute_info) -> Result<Option<Wanted>> {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_precompute(engine: *mut hl_engine, info: *const hl_precompute_info, field: *mut *mut hl_field) -> hl_status {
     enter(|scope| {
-        let out = out("field", field);
-        let request = Request::of(scope, engine, info)?;
-        let out = out?;
+        let (request, out) = scope.making("field", field, |s| Request::of(s, engine, info))?;
         let (host, progress) = (request.host.clone(), request.progress);
         let job = Job::run(&host, progress, request.body())?;
         match job.field() {
@@ -258,94 +269,8 @@ pub unsafe extern "C" fn hl_precompute(engine: *mut hl_engine, info: *const hl_p
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_precompute_start(engine: *mut hl_engine, info: *const hl_precompute_info, job: *mut *mut hl_job) -> hl_status {
     enter(|scope| {
-        let out = out("job", job);
-        let request = Request::of(scope, engine, info)?;
-        let out = out?;
+        let (request, out) = scope.making("job", job, |s| Request::of(s, engine, info))?;
         let (host, progress) = (request.host.clone(), request.progress);
         out.give(Job::start(&host, progress, request.body())?)
-    })
-}
-
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn hl_precompute_estimate(
-    engine: *mut hl_engine,
-    info: *const hl_precompute_info,
-    estimate: *mut hl_estimate,
-) -> hl_status {
-    enter(|scope| {
-        let request = Request::of(scope, engine, info)?;
-        let turn = request.host.turn()?;
-        let engine = turn.engine();
-        let medium = request.medium(engine)?;
-        let (settings, seconds) = match request.plan() {
-            None => (request.asked.settings.clone(), None),
-            Some(asked) => {
-                let volume = request.volume.volume(engine)?;
-                let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
-                let plan = request.host.log.during(request.host.id, || plan::choose(engine, &volume, &medium, &asked, &mut quiet))?;
-                (plan.settings, Some(plan.seconds))
-            }
-        };
-        let cost = engine.field_cost(&medium, &settings)?;
-        // The last pass stays while the next is made.
-        let fields = if request.progressive && settings.method == Method::Sweep { 2 } else { 1 };
-        let memory = engine.memory();
-        fill("hl_estimate", estimate, |out| {
-            out.peak = memory.used.saturating_add(fields * cost.kept).saturating_add(cost.passing);
-            (out.result, out.free, out.seconds) = (cost.kept, memory.budget.saturating_sub(memory.used), seconds.unwrap_or(cost.seconds));
-        })
-    })
-}
-
-/// What a field file says of its settings: a scene, as the command writes it.
-pub(super) fn meta(settings: &Visibility) -> Vec<(String, String)> {
-    let scene = Scene { visibility: settings.clone(), ..Scene::of_volume("volume".into()) };
-    vec![("scene".into(), io::scene_text(&scene))]
-}
-
-/// The settings that a field file tells, or what its shape lets guess.
-fn told(path: &Path, file: &io::NrrdField, dims: [usize; 3]) -> Result<Visibility> {
-    let bands = file.coefficients.isqrt() as u32;
-    let scene = file.meta.iter().find(|(key, _)| key == "scene").map(|(_, text)| text);
-    let settings = match scene {
-        Some(text) => io::parse_scene(text, &crate::error::shown(path), Path::new(""), &[])?.visibility,
-        None => {
-            let fits = |ratio: &u32| dims.map(|n| n.div_ceil(*ratio as usize)) == file.grid.dims();
-            let ratio = [1, 2, 4, 8].into_iter().find(fits).unwrap_or(1);
-            Visibility { ratio, bands, bits: 32, ..Visibility::default() }
-        }
-    };
-    if settings.bands != bands || dims.map(|n| n.div_ceil(settings.ratio as usize)) != file.grid.dims() {
-        let ([x, y, z], [a, b, c]) = (file.grid.dims(), dims);
-        let what = format!("{} coefficients of {x}x{y}x{z} cells do not belong to {a}x{b}x{c} voxels", file.coefficients);
-        return Err(Fault::new(
-            HL_ERROR_FORMAT,
-            format!("{}: {what}; load it with the volume that it was computed for", crate::error::shown(path)),
-        ));
-    }
-    Ok(settings)
-}
-
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn hl_field_load(
-    engine: *mut hl_engine,
-    path: *const c_char,
-    info: *const hl_precompute_info,
-    field: *mut *mut hl_field,
-) -> hl_status {
-    enter(|scope| {
-        let out = out("field", field);
-        let request = Request::of(scope, engine, info)?;
-        let out = out?;
-        let path = super::call::path(path)?;
-        let grid = *request.volume.device.grid();
-        let file = io::read_nrrd_field(&path, &ReadOptions::default())?;
-        let settings = told(&path, &file, grid.dims())?;
-        let turn = request.host.turn()?;
-        let medium = Arc::new(request.medium(turn.engine())?);
-        let loaded = turn.engine().load_field(&grid, &settings, &file.data)?;
-        // Not what a precompute was asked for, so that none takes it for its own.
-        let asked = Asked { volume: Weak::new(), ..request.asked.clone() };
-        out.give(FieldCell::new(&request.host, &medium, loaded, &asked, None))
     })
 }

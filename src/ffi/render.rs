@@ -2,7 +2,7 @@
 
 use super::abi::*;
 use super::abi_vulkan::hl_vulkan_image;
-use super::call::{Scope, choice, enter, fill, finite, out, read, switch};
+use super::call::{Scope, alone, choice, enter, finite, out, read, switch};
 use super::fault::{Fault, Result};
 use super::field::FieldCell;
 use super::host::{Host, InUse};
@@ -12,33 +12,36 @@ use super::layers::{self, Layers};
 use super::light::{LightCell, LightState};
 use super::matter::clip;
 use super::vulkan;
-use crate::engine::{Engine, Lit, Medium, ReferenceSettings, surface_layers};
-use crate::scene::camera::{CameraSettings, DEFAULT_FOV_DEGREES, Space};
+use crate::engine::{Engine, Lit, Medium, Reference, ReferenceSettings, surface_layers};
+use crate::scene::camera::{CameraSettings, DEFAULT_FOV_DEGREES, Rays, Space};
 use crate::scene::scene::{MAX_SIDE, fill_background};
 use crate::scene::{Background, Camera, Clip, ImageSettings, Picture};
 use glam::DVec3;
 use std::sync::Arc;
 
+/// The part of the progress before the picture itself: its cut, and its light.
+pub(super) const PREPARED: f32 = 0.05;
+
 /// A whole request. It holds what it reads.
-struct Request {
-    host: Arc<Host>,
+pub(super) struct Request {
+    pub host: Arc<Host>,
     field: Arc<FieldCell>,
-    light: LightState,
+    pub light: LightState,
     /// Cannot be changed while this lives.
     _light: Option<InUse<LightCell>>,
-    camera: Camera,
-    image: ImageSettings,
+    pub camera: Camera,
+    pub image: ImageSettings,
     clip: Clip,
     /// Bits of the layers that are wanted.
-    layers: u32,
-    reference: Option<ReferenceSettings>,
+    pub layers: u32,
+    pub reference: Option<ReferenceSettings>,
     /// An image of the host's device, in place of one in main memory.
     target: Option<Target>,
-    progress: Progress,
+    pub progress: Progress,
 }
 
 impl Request {
-    fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_render_info) -> Result<Self> {
+    pub fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_render_info) -> Result<Self> {
         let host = scope.engine(engine)?;
         let info = read("hl_render_info", info)?;
         let target = target(&info)?;
@@ -50,7 +53,7 @@ impl Request {
         let light = scope.optional::<LightCell>(info.light)?.map(InUse::new);
         let image = image(&info)?;
         let aspect = image.width as f64 / image.height as f64;
-        let camera = Camera::from_settings(&camera(&info.camera)?, field.medium.grid(), aspect)?;
+        let camera = Camera::from_settings(&camera(info.camera)?, field.medium.grid(), aspect)?;
         Ok(Self {
             host,
             light: light.as_ref().map_or_else(LightState::white, |l| l.0.state()),
@@ -58,7 +61,7 @@ impl Request {
             camera,
             image,
             clip: clip(info.clip)?,
-            layers: layers::bits("hl_render_info.layers", info.layers)?,
+            layers: wanted_layers(&info)?,
             reference: reference(&info)?,
             target,
             field,
@@ -73,42 +76,62 @@ impl Request {
     fn work(self, work: &mut Work) -> Result<()> {
         let engine = work.engine();
         work.step("relight", 0.0)?;
-        let medium = &self.field.seen(&engine, &self.clip)?;
+        let medium = &self.seen(work, &engine)?;
         if let Some(Target(target)) = &self.target {
-            let lit = self.field.lit(&engine, &self.light.prepared())?;
+            let lit = self.lit(work, &engine)?;
+            work.part(PREPARED, 1.0);
             let mut image = vulkan::host_image(target);
             let done = engine.render_to(medium, &lit, &self.camera, &self.image, &mut image, &mut |stage, f| work.tell(stage, f));
             vulkan::tell(target.handed_back, image.handed_back());
             return Ok(done?);
         }
-        let (mut picture, samples, layers, cancelled) = match &self.reference {
-            Some(settings) => {
-                let sky = self.light.sky()?;
-                let mut progress = |stage, f| work.tell(stage, f);
-                let made = engine.render_reference(medium, &sky, &self.camera, &self.image, settings, &mut progress)?;
-                let e = made.relative_error;
-                work.error([e, e, e]);
-                (made.picture, made.samples, None, made.cancelled)
-            }
-            None => {
-                let lit = self.field.lit(&engine, &self.light.prepared())?;
-                work.part(0.0, if self.layers == 0 { 1.0 } else { 0.5 });
-                let mut progress = |stage, f| work.tell(stage, f);
-                let (picture, hits) = engine.render_with_distance(medium, &lit, &self.camera, &self.image, &mut progress)?;
-                let layers = match self.layers {
-                    0 => None,
-                    _ => {
-                        work.part(0.5, 1.0);
-                        Some(self.behind(work, &engine, medium, (&lit, &picture, &hits))?)
-                    }
-                };
-                (picture, 0, layers, false)
+        let rays = self.camera.rays(self.field.medium.grid(), self.image.width, self.image.height)?;
+        if let Some(settings) = &self.reference {
+            work.part(PREPARED, 1.0);
+            return self.traced(work, &engine, medium, &rays, settings);
+        }
+        let lit = self.lit(work, &engine)?;
+        work.part(PREPARED, if self.layers == 0 { 1.0 } else { 0.5 });
+        let mut progress = |stage, f| work.tell(stage, f);
+        let (mut picture, hits) = engine.render_with_distance(medium, &lit, &self.camera, &self.image, &mut progress)?;
+        let layers = match self.layers {
+            0 => None,
+            _ => {
+                work.part(0.5, 1.0);
+                Some(self.behind(work, &engine, medium, (&lit, &picture, &hits))?)
             }
         };
-        self.background(&mut picture)?;
-        work.image(ImageCell::new(self.host, picture, layers), samples);
+        self.background(&mut picture, &rays);
+        work.image(ImageCell::new(self.host, picture, layers), None);
+        Ok(())
+    }
+
+    /// What is looked at.
+    pub fn seen(&self, work: &mut Work, engine: &Engine) -> Result<Arc<Medium>> {
+        work.part(0.0, 0.5 * PREPARED);
+        self.field.seen(engine, &self.clip, &mut |stage, f| work.tell(stage, f))
+    }
+
+    /// In which light.
+    pub fn lit(&self, work: &mut Work, engine: &Engine) -> Result<Arc<Lit>> {
+        work.part(0.5 * PREPARED, PREPARED);
+        self.field.lit(engine, &self.light.prepared(), &mut |stage, f| work.tell(stage, f))
+    }
+
+    /// A reference picture, which can be had pass by pass.
+    fn traced(&self, work: &mut Work, engine: &Engine, medium: &Medium, rays: &Rays, settings: &ReferenceSettings) -> Result<()> {
+        let sky = self.light.sky()?;
+        let work = std::cell::RefCell::new(work);
+        let mut progress = |stage, f| work.borrow_mut().tell(stage, f);
+        let mut finished = |pass: &Reference| {
+            let mut picture = pass.picture.clone();
+            self.background(&mut picture, rays);
+            let image = ImageCell::new(self.host.clone(), picture, Some(Layers::Noise(pass.standard_error.clone())));
+            work.borrow().image(image, Some((pass.samples, pass.relative_error)));
+        };
+        let made = engine.refine_reference(medium, &sky, (&self.camera, &self.image), settings, &mut progress, &mut finished)?;
         // What was finished before can still be had from the job.
-        if cancelled { Err(crate::Error::Cancelled.into()) } else { Ok(()) }
+        if made.cancelled { Err(crate::Error::Cancelled.into()) } else { Ok(()) }
     }
 
     /// What lies behind the pixels.
@@ -118,19 +141,15 @@ impl Request {
         if let Some(albedo) = medium.surface_albedo() {
             surface_layers(&mut behind, picture, albedo);
         }
-        Ok(Layers { bits: self.layers, behind })
+        Ok(Layers::Behind(self.layers, behind))
     }
 
-    fn background(&self, picture: &mut Picture) -> Result<()> {
-        if self.image.background == Background::Transparent {
-            return Ok(());
-        }
-        let rays = self.camera.rays(self.field.medium.grid(), picture.width, picture.height)?;
+    fn background(&self, picture: &mut Picture, rays: &Rays) {
         match self.image.background {
-            Background::Color(rgb) => fill_background(picture, &rays, |_| rgb),
-            _ => fill_background(picture, &rays, |dir| self.light.background(dir)),
+            Background::Transparent => {}
+            Background::Color(rgb) => fill_background(picture, rays, |_| rgb),
+            Background::Light => fill_background(picture, rays, |dir| self.light.background(dir)),
         }
-        Ok(())
     }
 }
 
@@ -152,7 +171,22 @@ fn target(info: &hl_render_info) -> Result<Option<Target>> {
     Ok(Some(Target(image)))
 }
 
-fn camera(info: &hl_camera) -> Result<CameraSettings> {
+fn wanted_layers(info: &hl_render_info) -> Result<u32> {
+    const ITEM: &str = "hl_render_info.layers";
+    match layers::bits(ITEM, info.layers)? {
+        bits if bits & HL_LAYER_NOISE != 0 => {
+            Err(Fault::invalid(ITEM, "asks for HL_LAYER_NOISE", "reference pictures have it unasked, others never: leave it out"))
+        }
+        bits => Ok(bits),
+    }
+}
+
+fn camera(info: *const hl_camera) -> Result<CameraSettings> {
+    if info.is_null() {
+        return Ok(CameraSettings::default());
+    }
+    let info = read("hl_camera", info)?;
+    alone("hl_camera", info.next)?;
     let up = if info.up == [0.0; 3] { DVec3::Z } else { DVec3::from(info.up) };
     let spaces = [(HL_CAMERA_FRAME, None), (HL_CAMERA_SIDE, Some(Space::Side)), (HL_CAMERA_WORLD, Some(Space::World))];
     let space = choice("hl_camera.space", info.space, &spaces)?;
@@ -244,29 +278,8 @@ pub unsafe extern "C" fn hl_render(engine: *mut hl_engine, info: *const hl_rende
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_render_start(engine: *mut hl_engine, info: *const hl_render_info, job: *mut *mut hl_job) -> hl_status {
     enter(|scope| {
-        let out = out("job", job);
-        let request = Request::of(scope, engine, info)?;
-        let out = out?;
+        let (request, out) = scope.making("job", job, |s| Request::of(s, engine, info))?;
         let (host, progress) = (request.host.clone(), request.progress);
         out.give(Job::start(&host, progress, request.body())?)
-    })
-}
-
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn hl_render_estimate(engine: *mut hl_engine, info: *const hl_render_info, estimate: *mut hl_estimate) -> hl_status {
-    enter(|scope| {
-        let request = Request::of(scope, engine, info)?;
-        let turn = request.host.turn()?;
-        let engine = turn.engine();
-        let lit = request.field.lit(engine, &request.light.prepared())?;
-        let medium = request.field.seen(engine, &request.clip)?;
-        let cost = engine.picture_cost(&medium, &lit, &request.camera, &request.image)?;
-        let memory = engine.memory();
-        fill("hl_estimate", estimate, |out| {
-            out.peak = memory.used.saturating_add(cost.passing);
-            (out.result, out.free) = (cost.kept, memory.budget.saturating_sub(memory.used));
-            // What a reference picture takes, only its passes tell; layers have no pilot.
-            out.seconds = if request.reference.is_some() || request.layers != 0 { -1.0 } else { cost.seconds };
-        })
     })
 }

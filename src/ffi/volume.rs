@@ -1,7 +1,7 @@
 //! `hl_volume_*`: samples in host memory, copied or borrowed, and on the device.
 
 use super::abi::*;
-use super::call::{alone, choice, enter, fill, finite, out, put, read, switch, words};
+use super::call::{alone, choice, enter, fill, finite, put, read, switch, words};
 use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::Host;
@@ -200,9 +200,7 @@ fn strides(info: &hl_volume_info, kind: SampleType, components: u32) -> Result<[
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const hl_volume_info, volume: *mut *mut hl_volume) -> hl_status {
     enter(|scope| {
-        let out = out("volume", volume);
-        let host = scope.engine(engine)?;
-        let out = out?;
+        let (host, out) = scope.making("volume", volume, |s| s.engine(engine))?;
         let info = read("hl_volume_info", info)?;
         if !info.next.is_null() {
             return out.give(from_device(&host, &info)?);
@@ -236,6 +234,22 @@ fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell
         let right = "an image or a buffer of the host's holds one number a voxel: set both to 0";
         return Err(Fault::invalid("hl_volume_info.components and component", "are set", right));
     }
+    if info.strides != [0; 3] {
+        let right = "an image has none, and a hl_vulkan_buffer its own row_bytes and slice_bytes: set them to 0";
+        return Err(Fault::invalid("hl_volume_info.strides", "are set", right));
+    }
+    if info.memory != HL_COPY || info.release.is_some() || !info.release_user.is_null() {
+        let right = "an image or a buffer of the host's is copied, and handed back as its semaphores say: set them to 0";
+        return Err(Fault::invalid("hl_volume_info.memory, release and release_user", "are set", right));
+    }
+    if info.replace_nan != 0 || info.nan_as != 0.0 {
+        let right = "samples on the device that are not finite are an error: set both to 0";
+        return Err(Fault::invalid("hl_volume_info.replace_nan and nan_as", "are set", right));
+    }
+    if matches!(source, vulkan::Source::Image(_)) && info.r#type != 0 {
+        let right = "an image's samples are of its VkFormat: set it to 0";
+        return Err(Fault::invalid("hl_volume_info.type", format_args!("is {}", info.r#type), right));
+    }
     let (grid, slope) = (grid(info)?, if info.slope == 0.0 { 1.0 } else { info.slope });
     let turn = host.turn()?;
     let rescale = (slope, info.intercept);
@@ -251,9 +265,7 @@ pub unsafe extern "C" fn hl_volume_load(
     volume: *mut *mut hl_volume,
 ) -> hl_status {
     enter(|scope| {
-        let out = out("volume", volume);
-        let host = scope.engine(engine)?;
-        let out = out?;
+        let (host, out) = scope.making("volume", volume, |s| s.engine(engine))?;
         let path = super::call::path(path)?;
         let options = if info.is_null() { ReadOptions::default() } else { options(&read("hl_load_info", info)?)? };
         let read = Arc::new(host.log.during(host.id, || io::read_volume(&path, &options))?);

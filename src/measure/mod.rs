@@ -20,7 +20,7 @@ pub use frame::{PictureError, Pictured};
 #[cfg(feature = "chart")]
 pub(crate) use frame::{covered_mean, exposed, judged};
 pub use picture::{Difference, compare, relative_rmse, signed};
-pub(crate) use probes::draw;
+pub(crate) use probes::{draw, near};
 pub use probes::{near_matter, probes};
 pub use report::{Budget, Plan, Report};
 

@@ -1,10 +1,11 @@
 //! Where a field is measured: cells near matter, drawn at random from a fixed seed.
 
-use crate::engine::{Engine, Medium};
-use crate::error::Result;
+use crate::engine::{Engine, Medium, Progress};
+use crate::error::{Error, Result};
 use crate::scene::{Grid, Volume};
 use crate::stages::directions::SplitMix;
 use crate::stages::twin;
+use std::ops::ControlFlow;
 
 /// Field cells within two cells of matter (σ_t > 0 at a voxel), up to `count` of them, drawn at random without
 /// repetition from a fixed seed, ascending.
@@ -23,6 +24,11 @@ pub fn probes(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32, cou
 /// # Errors
 /// What the device refuses.
 pub fn near_matter(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32) -> Result<Vec<u32>> {
+    near(engine, volume, medium, ratio, &mut |_, _| ControlFlow::Continue(()))
+}
+
+/// The same, told of its progress, which may cancel.
+pub(crate) fn near(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32, progress: &mut Progress) -> Result<Vec<u32>> {
     let grid: &Grid = volume.grid();
     let n = grid.dims();
     let dims = grid.field_dims(ratio as usize);
@@ -30,6 +36,9 @@ pub fn near_matter(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32
     // Cells that hold a voxel of matter.
     let mut near = vec![false; dims.iter().product()];
     for z in 0..n[2] {
+        if progress("probes", z as f32 / n[2] as f32).is_break() {
+            return Err(Error::Cancelled);
+        }
         for y in 0..n[1] {
             let row = dims[0] * (cell_of[1][y] + dims[1] * cell_of[2][z]);
             let first = n[0] * (y + n[1] * z);

@@ -2,7 +2,7 @@
 //! holds what is seen from its cells' centres and is measured there; one that is fitted to what pictures read between cells
 //! ([`Visibility::fit`]) is measured as they read it: at voxels of matter, trilinearly, each by the opacity that is seen.
 
-use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near_matter, reading, reference};
+use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near, reading, reference};
 use crate::engine::{Engine, Field, Medium, Progress};
 use crate::error::{Error, Result};
 use crate::scene::visibility::Method;
@@ -45,6 +45,8 @@ pub struct Plan {
     pub opacities: Vec<f32>,
     /// Seconds of device time that the reference will take, by a pilot.
     pub seconds: f64,
+    /// Bytes of device memory that the reference takes.
+    pub bytes: u64,
     /// Whether the error before packing is measured too.
     pub before: bool,
     /// Seconds of device time that the second sweep will take, where there is one.
@@ -86,19 +88,36 @@ impl Plan {
     /// # Errors
     /// As [`Engine::estimate`].
     pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
+        Self::watched(engine, volume, medium, settings, budget, &mut |_, _| ControlFlow::Continue(()))
+    }
+
+    /// The same, told of its progress.
+    ///
+    /// # Errors
+    /// As [`Plan::new`], and [`Error::Cancelled`].
+    pub fn watched(
+        engine: &Engine,
+        volume: &Volume,
+        medium: &Medium,
+        settings: &Visibility,
+        budget: &Budget,
+        progress: &mut Progress,
+    ) -> Result<Self> {
         let fitted = settings.fit > 0;
         let mut voxels = if medium.has_surface() { Vec::new() } else { reading::points(volume, medium, PROBES[0]) };
         voxels = draw(voxels, PROBES[0], super::probes::SEED);
         let mut cells = match fitted {
             true => voxels.clone(),
-            false => draw(near_matter(engine, volume, medium, settings.ratio)?, PROBES[0], super::probes::SEED),
+            false => {
+                let near = near(engine, volume, medium, settings.ratio, &mut |_, f| progress("probes", 0.5 * f))?;
+                draw(near, PROBES[0], super::probes::SEED)
+            }
         };
         let ratio = if fitted { 1 } else { settings.ratio };
-        let mut quiet = |_: &'static str, _: f32| ControlFlow::Continue(());
         let mut pilot = |directions, cells: &[u32]| {
             let start = Instant::now();
             engine.take_timings();
-            engine.estimate(medium, &dense(ratio, directions), cells, &mut quiet)?;
+            engine.estimate(medium, &dense(ratio, directions), cells, &mut |_, f| progress("probes", 0.5 + 0.5 * f))?;
             Ok(seconds(engine, start))
         };
         let mut seconds = 0.0;
@@ -126,7 +145,8 @@ impl Plan {
         // Between cells only the whole field, as it is stored, can be read.
         let before = again.is_none_or(|s| s <= budget.seconds) && !(fitted && settings.bits != 32);
         let opacities = reading::opacities(volume, medium, &voxels);
-        Ok(Self { cells, voxels, opacities, seconds, before, again: again.filter(|&s| s <= budget.seconds) })
+        let bytes = engine.marching_memory(medium, &dense(ratio, REFERENCE_DIRECTIONS), cells.len().max(voxels.len()))?;
+        Ok(Self { cells, voxels, opacities, seconds, bytes, before, again: again.filter(|&s| s <= budget.seconds) })
     }
 }
 

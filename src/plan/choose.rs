@@ -68,7 +68,7 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
         ..Visibility::default()
     };
     // Cells apart from those of `measure`: its verdict is not on what was tuned.
-    let drawn = measure::draw(measure::near_matter(engine, volume, medium, ratio)?, MOST_CELLS, SEED);
+    let drawn = measure::draw(measure::near(engine, volume, medium, ratio, &mut |_, _| progress("plan", 0.0))?, MOST_CELLS, SEED);
     let wanted = engine.wanted_cells(medium, &base)?.len() as f64;
     let cells = drawn[..drawn.len().min(CELLS[1])].to_vec();
     let mut bench =

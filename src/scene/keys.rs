@@ -85,7 +85,12 @@ pub const KEYS: &[Key] = &[
     key("visibility.growth", "FACTOR", "0.25", "growth of the pyramid's steps with distance"),
     key("visibility.step", "VOXELS", "1", "step of the dense march"),
     key("visibility.near", "SLICES", "1", "cells that a sweep marches densely before it trusts the swept value"),
-    key("visibility.fit", "POINTS", "0", "points of matter per cell that a sweep's field is fitted to, so that it reads right between cells (8); 0: none"),
+    key(
+        "visibility.fit",
+        "POINTS",
+        "0",
+        "points of matter per cell that a sweep's field is fitted to, so that it reads right between cells (8); 0: none",
+    ),
     key("visibility.cells", "matter|all", "matter", "cells that are computed: those within two cells of matter, or all"),
     key(
         "camera.position",

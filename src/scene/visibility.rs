@@ -172,7 +172,11 @@ impl Visibility {
             return bad("visibility.fit", format!("{} points", self.fit), &format!("it must be 0 to {MOST_FITTED} points per cell"));
         }
         if self.fit > 0 && self.method != Method::Sweep {
-            return bad("visibility.fit", format!("{} points", self.fit), "only visibility.method \"sweep\" sees from points; take that, or fit 0");
+            return bad(
+                "visibility.fit",
+                format!("{} points", self.fit),
+                "only visibility.method \"sweep\" sees from points; take that, or fit 0",
+            );
         }
         if self.method == Method::Sweep && self.directions > MAX_SWEPT {
             let right = format!("a sweep takes at most {MAX_SWEPT}; more would not show beside its own error");

@@ -157,7 +157,7 @@ mod tests {
                 if wants(i) { (wanted as u32) << 4 } else { 15 }
             })
             .collect();
-        CellMap { texels, wanted }
+        CellMap { texels, wanted, matter: wanted }
     }
 
     #[test]

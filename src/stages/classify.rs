@@ -3,7 +3,7 @@
 //! O₀ = 1 − ⅓ Σ_axis exp(−h · mean σ_t across the voxel along the axis), h the voxel length; classification inside the
 //! integral, which the midpoint rule takes with two points in each half voxel.
 
-use super::{MediumView, dims_u32, slab, twin};
+use super::{MediumView, Parts, dims_u32, slab, twin};
 use crate::error::Result;
 use crate::kernels::classify as kernel;
 use crate::scene::Volume;
@@ -13,11 +13,11 @@ use crate::vk::{Access, Image, Recorder};
 /// Voxels per dispatch: tens of milliseconds on a CPU device.
 const VOXELS: u64 = 1 << 20;
 
-/// Records O₀ of `medium` into level 0 of a fresh `pyramid` (r16f, same dims), which is left as just written.
+/// Records O₀ of `medium` into level 0 of a fresh `pyramid` (r16f, same dims), which is left as just written, slab by slab.
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record(rec: &mut Recorder, medium: &MediumView, pyramid: &Image) -> Result<()> {
+pub fn record(rec: &mut Recorder, medium: &MediumView, pyramid: &Image, parts: &mut Parts) -> Result<()> {
     let dims = dims_u32(medium.grid.dims());
     let slices = slab(dims, VOXELS);
     // A fresh image takes the layout for stores.
@@ -38,6 +38,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, pyramid: &Image) -> Resul
             },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;
+        parts(rec, f64::from((first_slice + slices).min(dims[2])) / f64::from(dims[2]))?;
     }
     Ok(())
 }

@@ -317,7 +317,8 @@ pub fn reference_solution(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own
         of.iter().for_each(|&(c, phi)| readers[c].push((i, phi)));
     }
     let mut x = own.to_vec();
-    let mut rest: Vec<f64> = points.iter().zip(&corners).map(|((_, _, v), of)| v - of.iter().map(|&(c, phi)| phi * x[c]).sum::<f64>()).collect();
+    let mut rest: Vec<f64> =
+        points.iter().zip(&corners).map(|((_, _, v), of)| v - of.iter().map(|&(c, phi)| phi * x[c]).sum::<f64>()).collect();
     for _ in 0..2000 {
         for c in 0..x.len() {
             let (mut up, mut down, mut weight) = (0.0, 0.0, 0.0);
@@ -351,4 +352,3 @@ fn corners(dims: [usize; 3], q: [f32; 3]) -> Vec<(usize, f64)> {
         .filter(|(_, w)| *w > 0.0)
         .collect()
 }
-

@@ -1,7 +1,7 @@
 //! majorant: the largest extinction of each cell of [`CELL`] voxels a side, over every value that interpolation can take
 //! there. What lies in a cell of majorant 0 is vacuum; elsewhere a ray meets tentative collisions at the majorant's rate.
 
-use super::{MediumView, slab, twin};
+use super::{MediumView, Parts, slab, twin};
 use crate::error::Result;
 use crate::kernels::majorant as kernel;
 use crate::scene::Volume;
@@ -19,11 +19,11 @@ pub fn cells(dims: [usize; 3]) -> [u32; 3] {
     dims.map(|n| (n as u32).div_ceil(CELL))
 }
 
-/// Records the majorants (r32f, [`cells`]); the image must be ready for stores and is left as just written.
+/// Records the majorants (r32f, [`cells`]), slab by slab; the image must be ready for stores and is left as just written.
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record(rec: &mut Recorder, medium: &MediumView, majorants: &Image) -> Result<()> {
+pub fn record(rec: &mut Recorder, medium: &MediumView, majorants: &Image, parts: &mut Parts) -> Result<()> {
     let dims = majorants.dims();
     let slices = slab(dims, CELLS);
     for first_slice in (0..dims[2]).step_by(slices as usize) {
@@ -37,6 +37,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, majorants: &Image) -> Res
             &kernel::Params { cells: dims, first_slice, map_scale: medium.map.0, map_bias: medium.map.1 },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;
+        parts(rec, f64::from((first_slice + slices).min(dims[2])) / f64::from(dims[2]))?;
     }
     Ok(())
 }

@@ -4,7 +4,7 @@
 //! O_k is stated over 2^k voxel lengths. Level dims are halved and rounded down (Vulkan's mip chain); where dims are odd
 //! a coarse cell is cut into 2×2×2 halves that average the fine cells they cover.
 
-use super::slab;
+use super::{Parts, slab};
 use crate::error::Result;
 use crate::kernels::minify as kernel;
 use crate::scene::visibility::Filter;
@@ -24,14 +24,16 @@ pub fn level_dims(dims: [u32; 3], k: u32) -> [u32; 3] {
     dims.map(|n| (n >> k).max(1))
 }
 
-/// Records levels 1.. of `pyramid` from level 0, which must have just been written; all levels are left readable.
+/// Records levels 1.. of `pyramid` from level 0, which must have just been written, slab by slab; all levels are left readable.
 ///
 /// # Errors
 /// What the recorder refuses.
-pub fn record(rec: &mut Recorder, pyramid: &Image, filter: Filter) -> Result<()> {
+pub fn record(rec: &mut Recorder, pyramid: &Image, filter: Filter, parts: &mut Parts) -> Result<()> {
     // Level 0 was written by `classify` and is read by level 1.
     rec.barrier(&[pyramid.mip(0).from(Access::ComputeWrite).to(Access::ComputeRead)]);
     let spec = kernel::Spec { filter: filter_id(filter) };
+    let cells = |k: u32| level_dims(pyramid.dims(), k).iter().map(|&n| f64::from(n)).product::<f64>();
+    let (all, mut done) = ((1..pyramid.levels()).map(cells).sum::<f64>(), 0.0);
     for k in 1..pyramid.levels() {
         let dims = level_dims(pyramid.dims(), k);
         // A fresh level takes the layout for stores.
@@ -48,6 +50,8 @@ pub fn record(rec: &mut Recorder, pyramid: &Image, filter: Filter) -> Result<()>
                 &kernel::Params { coarse_dims: dims, first_slice },
                 [dims[0], dims[1], slices.min(dims[2] - first_slice)],
             )?;
+            done += cells(k) * f64::from(slices.min(dims[2] - first_slice)) / f64::from(dims[2]);
+            parts(rec, done / all)?;
         }
         // Each level is read by the next; nothing else runs between them.
         rec.barrier(&[pyramid.mip(k).from(Access::ComputeWrite).to(Access::ComputeRead)]);

@@ -25,8 +25,9 @@ pub mod trace;
 pub mod twin;
 pub mod widen;
 
+use crate::error::Result;
 use crate::scene::{Grid, Samples, Volume};
-use crate::vk;
+use crate::vk::{self, Recorder};
 
 /// How the volume's image encodes values: image sample x → value = scale·x + bias, in the data's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,6 +99,10 @@ pub(crate) fn cell_size(grid: &Grid, field_dims: [usize; 3]) -> [f32; 3] {
     let n = grid.dims();
     std::array::from_fn(|a| n[a] as f32 / field_dims[a] as f32)
 }
+
+/// Called after each dispatch of a stage that splits its work, with the fraction of the stage that is recorded: may submit it,
+/// and stop.
+pub type Parts<'a> = dyn FnMut(&mut Recorder, f64) -> Result<()> + 'a;
 
 /// Slices per dispatch so that a dispatch touches at most `voxels` voxels.
 pub(crate) fn slab(dims: [u32; 3], voxels: u64) -> u32 {

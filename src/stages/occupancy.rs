@@ -7,7 +7,7 @@
 //! sample, rounding added. The ranges are found once, at upload, on the host, which is reading every
 //! sample then anyway; the distances anew on the device with every transfer function.
 
-use super::{Encoding, slab};
+use super::{Encoding, Parts, slab};
 use crate::error::Result;
 use crate::kernels::constants::{BLOCK, MAX_LEAP};
 use crate::kernels::{occupancy as kernel, occupancy_distance as distance_kernel};
@@ -124,11 +124,13 @@ pub fn record(
     rec: &mut Recorder,
     ranges: &Image,
     (filled, map, surface): (&Buffer, (f32, f32), bool),
-    distances: &Image,
-    scratch: &Image,
+    (distances, scratch): (&Image, &Image),
+    parts: &mut Parts,
 ) -> Result<()> {
     let dims = ranges.dims();
     let slices = slab(dims, BLOCKS);
+    // Each of four passes.
+    let part = |pass: u32, first_slice: u32| (f64::from(pass) + f64::from((first_slice + slices).min(dims[2])) / f64::from(dims[2])) / 4.0;
     // Fresh images take the layout for stores.
     rec.barrier(&[scratch, distances].map(|i| i.mip(0).from(Access::None).to(Access::ComputeWrite)));
     for first_slice in (0..dims[2]).step_by(slices as usize) {
@@ -142,6 +144,7 @@ pub fn record(
             &kernel::Params { map_scale: map.0, map_bias: map.1, first_slice, surface: surface.into() },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;
+        parts(rec, part(0, first_slice))?;
     }
     let mut from = scratch;
     let mut to = distances;
@@ -163,6 +166,7 @@ pub fn record(
                 &distance_kernel::Params { axis, first_slice },
                 [dims[0], dims[1], slices.min(dims[2] - first_slice)],
             )?;
+            parts(rec, part(axis + 1, first_slice))?;
         }
         std::mem::swap(&mut from, &mut to);
     }

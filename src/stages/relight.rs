@@ -4,7 +4,7 @@
 
 use super::bricks::Bricks;
 use super::pack::{self, Packed};
-use super::{dims_u32, slab};
+use super::{Parts, dims_u32, slab};
 use crate::error::Result;
 use crate::kernels::relight as kernel;
 use crate::vk::{Access, Buffer, Format, Image, Recorder};
@@ -49,6 +49,7 @@ pub fn record(
     light: &Buffer,
     irradiance: &Image,
     bands: u32,
+    parts: &mut Parts,
 ) -> Result<()> {
     let (images, view) = (packed.images, pack::formats(bands, packed.bits).1);
     let [corner_x, corner_y, corner_z] = dims_u32(bricks.window()[0]);
@@ -73,6 +74,7 @@ pub fn record(
             &kernel::Params { field_dims: dims_u32(field_dims), first_slice, corner_x, corner_y, corner_z },
             [dims[0], dims[1], slices.min(dims[2] - first_slice)],
         )?;
+        parts(rec, f64::from((first_slice + slices).min(dims[2])) / f64::from(dims[2]))?;
     }
     Ok(())
 }

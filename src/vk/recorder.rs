@@ -223,6 +223,15 @@ impl Recorder {
         Ok(())
     }
 
+    /// The same of what was recorded so far; what is recorded next goes to another submission.
+    ///
+    /// # Errors
+    /// As [`Recorder::submit`].
+    pub fn submit_part(&mut self) -> Result<()> {
+        let next = self.device.record()?;
+        std::mem::replace(self, next).submit()
+    }
+
     /// Work groups for so many invocations.
     fn groups(&self, kernel: &KernelInfo, threads: [u32; 3]) -> Result<[u32; 3]> {
         let most = self.device.0.raw.limits.max_compute_work_group_count;

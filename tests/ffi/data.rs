@@ -155,6 +155,16 @@ fn pictures_go_out_and_in() {
     let mut bytes = vec![9u8; 30 * stride];
     ok!(hl_image_read(image, HL_RGBA8, 0.0, bytes.as_mut_ptr().cast(), stride as i64, bytes.len() as u64));
     assert!(bytes[row..stride].iter().all(|&b| b == 9));
+    // Upwards, as OpenGL and BMP lay them: the same rows, the other way round.
+    let mut flipped = vec![9u8; 30 * stride];
+    let top = flipped[29 * stride..].as_mut_ptr();
+    ok!(hl_image_read(image, HL_RGBA8, 0.0, top.cast(), -(stride as i64), flipped.len() as u64));
+    assert!((0..30).all(|y| flipped[(29 - y) * stride..][..stride] == bytes[y * stride..][..stride]) && flipped != bytes);
+    let least = (29 * stride + row) as u64;
+    ok!(hl_image_read(image, HL_RGBA8, 0.0, top.cast(), -(stride as i64), least));
+    for (stride, size) in [(-(stride as i64), least - 1), (-159, least), (159, least), (i64::MIN, u64::MAX), (i64::MAX, u64::MAX)] {
+        refused!(HL_ERROR_INVALID, "30 rows of 160 bytes", hl_image_read(image, HL_RGBA8, 0.0, top.cast(), stride, size));
+    }
     let size = bytes.len() as u64 - 8;
     refused!(HL_ERROR_INVALID, "30 rows of 160 bytes", hl_image_read(image, HL_RGBA8, 0.0, bytes.as_mut_ptr().cast(), stride as i64, size));
 

@@ -81,6 +81,7 @@ fn all_calls(h: &Handles) -> Vec<(&'static str, i32)> {
             ("hl_precompute", hl_precompute(h.engine, &precompute, &mut f)),
             ("hl_precompute_start", hl_precompute_start(h.engine, &precompute, &mut j)),
             ("hl_precompute_estimate", hl_precompute_estimate(h.engine, &precompute, &mut estimate)),
+            ("hl_precompute_estimate_start", hl_precompute_estimate_start(h.engine, &precompute, &mut j)),
             ("hl_field_get_info", hl_field_get_info(h.field, &mut found)),
             ("hl_field_read", hl_field_read(h.field, pixels.as_mut_ptr(), 128)),
             ("hl_field_map", hl_field_map(h.field, &mut map, &mut n)),
@@ -103,18 +104,20 @@ fn all_calls(h: &Handles) -> Vec<(&'static str, i32)> {
             ("hl_job_timing", hl_job_timing(h.job, 0, &mut timing)),
             ("hl_job_get_image", hl_job_get_image(h.job, &mut i)),
             ("hl_job_get_field", hl_job_get_field(h.job, &mut f)),
+            ("hl_job_get_estimate", hl_job_get_estimate(h.job, &mut estimate)),
         ]
     }
 }
 
 /// What works in a callback, with what it answers there.
-const ALLOWED: [(&str, i32); 5] = [
+const ALLOWED: [(&str, i32); 6] = [
     ("hl_job_poll", HL_OK),
     ("hl_job_cancel", HL_OK),
     ("hl_job_timing", HL_OK),
     ("hl_job_get_image", HL_OK),
     // A picture's job has none.
     ("hl_job_get_field", HL_NOT_READY),
+    ("hl_job_get_estimate", HL_NOT_READY),
 ];
 
 /// Functions of no engine.
@@ -208,7 +211,7 @@ fn with_size(h: &Handles, size: u32) -> Vec<(&'static str, i32)> {
     }
     let data = ball(4);
     let file = c"v.nrrd".as_ptr();
-    let (surface, clip) = (of!(hl_surface), of!(hl_clip));
+    let (surface, clip, camera) = (of!(hl_surface), of!(hl_clip), of!(hl_camera));
     let (device, buffer) =
         (of!(hl_vulkan_device struct_type: HL_STRUCT_VULKAN_DEVICE), of!(hl_vulkan_buffer struct_type: HL_STRUCT_VULKAN_BUFFER));
     let image = of!(hl_vulkan_image struct_type: HL_STRUCT_VULKAN_IMAGE);
@@ -242,11 +245,14 @@ fn with_size(h: &Handles, size: u32) -> Vec<(&'static str, i32)> {
             ("hl_precompute_start", hl_precompute_start(h.engine, &of!(hl_precompute_info), &mut j)),
             ("hl_precompute_estimate", hl_precompute_estimate(h.engine, &of!(hl_precompute_info), &mut init())),
             ("hl_precompute_estimate", hl_precompute_estimate(h.engine, &good, &mut of!(hl_estimate))),
+            ("hl_precompute_estimate_start", hl_precompute_estimate_start(h.engine, &of!(hl_precompute_info), &mut j)),
+            ("hl_job_get_estimate", hl_job_get_estimate(h.job, &mut of!(hl_estimate))),
             ("hl_field_get_info", hl_field_get_info(h.field, &mut of!(hl_field_info))),
             ("hl_field_load", hl_field_load(h.engine, file, &of!(hl_precompute_info), &mut f)),
             ("hl_render", hl_render(h.engine, &of!(hl_render_info), &mut i)),
             ("hl_render", hl_render(h.engine, &hl_render_info { clip: &clip, ..small(h.field) }, &mut i)),
             ("hl_render", hl_render(h.engine, &hl_render_info { next: (&raw const image).cast(), ..small(h.field) }, &mut i)),
+            ("hl_render", hl_render(h.engine, &hl_render_info { camera: &camera, ..small(h.field) }, &mut i)),
             ("hl_render_start", hl_render_start(h.engine, &of!(hl_render_info), &mut j)),
             ("hl_render_estimate", hl_render_estimate(h.engine, &of!(hl_render_info), &mut init())),
             ("hl_render_estimate", hl_render_estimate(h.engine, &small(h.field), &mut of!(hl_estimate))),

@@ -10,13 +10,13 @@ use std::time::{Duration, Instant};
 
 /// What a callback was told, and what it does.
 #[derive(Default)]
-struct Told {
-    all: Mutex<Vec<(String, f32)>>,
+pub struct Told {
+    pub all: Mutex<Vec<(String, f32)>>,
     /// Answer with "stop" from this call on; 0: never.
-    stop_at: AtomicU32,
+    pub stop_at: AtomicU32,
 }
 
-unsafe extern "C-unwind" fn progress(user: *mut c_void, stage: *const c_char, fraction: f32) -> i32 {
+pub unsafe extern "C-unwind" fn progress(user: *mut c_void, stage: *const c_char, fraction: f32) -> i32 {
     // SAFETY: each test hands over its own, which outlives its jobs; stages are C strings.
     let (told, stage) = unsafe { (&*user.cast::<Told>(), CStr::from_ptr(stage)) };
     let mut all = told.all.lock().unwrap();
@@ -25,25 +25,25 @@ unsafe extern "C-unwind" fn progress(user: *mut c_void, stage: *const c_char, fr
     i32::from(stop > 0 && all.len() >= stop as usize)
 }
 
-fn user(told: &Told) -> *mut c_void {
+pub fn user(told: &Told) -> *mut c_void {
     std::ptr::from_ref(told).cast_mut().cast()
 }
 
-fn monotonic(told: &Told) -> Vec<(String, f32)> {
+pub fn monotonic(told: &Told) -> Vec<(String, f32)> {
     let all = told.all.lock().unwrap().clone();
     assert!(all.windows(2).all(|w| w[0].1 <= w[1].1), "{all:?}");
     assert_eq!(all[0].1, 0.0);
     all
 }
 
-fn poll(job: *mut hl_job) -> hl_job_state {
+pub fn poll(job: *mut hl_job) -> hl_job_state {
     let mut state: hl_job_state = init();
     ok!(hl_job_poll(job, &mut state));
     state
 }
 
 /// Long: some hundred dispatches.
-fn long(volume: *mut hl_volume) -> hl_precompute_info {
+pub fn long(volume: *mut hl_volume) -> hl_precompute_info {
     hl_precompute_info { volume, method: HL_METHOD_MARCH, directions: 100_000, ratio: 1, step: 0.1, all_cells: 1, ..init() }
 }
 
@@ -75,63 +75,6 @@ fn progress_goes_from_nought_to_one() {
     // Passes change nothing of the result.
     let whole = self::field(engine.0, &hl_precompute_info { directions: 256, ..quick(volume) });
     assert_eq!(pixels(image(engine.0, &small(whole))), pixels(image(engine.0, &small(field))));
-}
-
-/// Starts a job and cancels it after a while, some times: seconds from cancel to end, ascending.
-fn cancelled(start: &dyn Fn(*mut *mut hl_job) -> i32) -> Vec<f64> {
-    let mut latencies = Vec::new();
-    for i in 0..5u64 {
-        let mut job = std::ptr::null_mut();
-        assert_eq!(start(&mut job), HL_OK, "{}", crate::last(std::ptr::null()).1);
-        assert_eq!(
-            // SAFETY: a job of ours.
-            unsafe { hl_job_wait(job, 0.1 + 0.07 * i as f64) },
-            HL_TIMEOUT
-        );
-        let start = Instant::now();
-        ok!(hl_job_cancel(job));
-        refused!(HL_ERROR_CANCELLED, "cancelled", hl_job_wait(job, -1.0));
-        latencies.push(start.elapsed().as_secs_f64());
-        assert_eq!(poll(job).status, HL_ERROR_CANCELLED);
-        let mut none = std::ptr::null_mut();
-        // SAFETY: as above.
-        assert_eq!(unsafe { hl_job_get_image(job, &mut none) }, HL_NOT_READY);
-        assert!(none.is_null());
-        ok!(hl_job_destroy(job));
-    }
-    latencies.sort_by(f64::total_cmp);
-    latencies
-}
-
-#[test]
-fn cancel_is_prompt_and_leaves_the_engine_whole() {
-    let engine = Engine::new();
-    let volume = volume(engine.0, 32);
-    let seen = field(engine.0, &quick(volume));
-    let large = hl_render_info { width: 3000, height: 2000, step: 0.02, ..small(seen) };
-    let long = long(volume);
-    type Start<'a> = Box<dyn Fn(*mut *mut hl_job) -> i32 + 'a>;
-    // SAFETY: what the header asks for.
-    let precompute = |info: hl_precompute_info| -> Start { Box::new(move |job| unsafe { hl_precompute_start(engine.0, &info, job) }) };
-    // SAFETY: as above.
-    let render = |info: hl_render_info| -> Start { Box::new(move |job| unsafe { hl_render_start(engine.0, &info, job) }) };
-    let works = [
-        ("march", precompute(long)),
-        ("hierarchical", precompute(hl_precompute_info { method: HL_METHOD_HIERARCHICAL, ..long })),
-        ("sweep", precompute(hl_precompute_info { method: HL_METHOD_SWEEP, near_slices: 8, directions: 4096, ..long })),
-        ("measured field", precompute(hl_precompute_info { measure: 1, ratio: 1, ..quick(volume) })),
-        ("picture", render(large)),
-        ("picture with layers", render(hl_render_info { layers: HL_LAYER_NORMAL, ..large })),
-        ("reference", render(hl_render_info { reference: 1e-6, width: 640, height: 480, ..small(seen) })),
-    ];
-    for (name, start) in works {
-        let latencies = cancelled(&*start);
-        println!("cancel latency of a {name}: median {:.3} s, largest {:.3} s", latencies[2], latencies[4]);
-        // One dispatch of 0.08 s; ten times that where the machine is shared.
-        assert!(latencies[2] < 0.8, "{name}: {latencies:?}");
-    }
-    let field = field(engine.0, &quick(volume));
-    assert!(pixels(image(engine.0, &small(field))).iter().any(|&v| v > 0.1));
 }
 
 #[test]
@@ -252,49 +195,6 @@ fn edits_redo_what_depends_on_them() {
     assert!(worst < 2e-3, "{worst}");
 }
 
-/// Whatever else runs on the machine makes a try slower, none faster.
-const TRIES: u32 = 5;
-
-#[test]
-fn costs_are_said_beforehand() {
-    let engine = Engine::new();
-    let volume = volume(engine.0, 48);
-    for method in [HL_METHOD_SWEEP, HL_METHOD_MARCH, HL_METHOD_HIERARCHICAL] {
-        let info = hl_precompute_info { method, directions: 256, ..quick(volume) };
-        let (mut said, mut took) = (init::<hl_estimate>(), f64::INFINITY);
-        let mut promised = f64::INFINITY;
-        for _ in 0..TRIES {
-            ok!(hl_precompute_estimate(engine.0, &info, &mut said));
-            promised = promised.min(said.seconds);
-            let mut job = std::ptr::null_mut();
-            ok!(hl_precompute_start(engine.0, &info, &mut job));
-            ok!(hl_job_wait(job, -1.0));
-            took = took.min(poll(job).device_seconds);
-        }
-        let mut device: hl_device_info = init();
-        ok!(hl_engine_get_device(engine.0, &mut device));
-        println!(
-            "method {method}: said {promised:.3} s and {} bytes at most, took {took:.3} s and {} bytes (most of all so far)",
-            said.peak, device.memory_peak
-        );
-        assert!((0.2..5.0).contains(&(took / promised)), "{}", took / promised);
-        assert!(said.peak > said.result && said.result > 0 && said.free > said.peak);
-    }
-    let field = field(engine.0, &quick(volume));
-    let view = hl_render_info { width: 320, height: 240, ..small(field) };
-    let (mut said, mut took, mut promised) = (init::<hl_estimate>(), f64::INFINITY, f64::INFINITY);
-    for _ in 0..TRIES {
-        ok!(hl_render_estimate(engine.0, &view, &mut said));
-        promised = promised.min(said.seconds);
-        let mut job = std::ptr::null_mut();
-        ok!(hl_render_start(engine.0, &view, &mut job));
-        ok!(hl_job_wait(job, -1.0));
-        took = took.min(poll(job).device_seconds);
-    }
-    println!("picture: said {promised:.4} s, took {took:.4} s");
-    assert!((0.2..5.0).contains(&(took / promised)) && said.result == 320 * 240 * 16);
-}
-
 #[test]
 fn errors_are_measured_and_tolerances_kept() {
     let engine = Engine::new();
@@ -377,58 +277,6 @@ fn a_planned_field_gets_better_pass_by_pass() {
     } else {
         assert_eq!(ended, HL_OK);
     }
-}
-
-#[test]
-fn a_reference_picture_knows_its_own_error() {
-    let engine = Engine::new();
-    // A cell a voxel: coarser ones would be seen.
-    let fine = hl_precompute_info { ratio: 1, directions: 256, near_slices: 2, ..quick(volume(engine.0, 16)) };
-    let field = field(engine.0, &fine);
-    let mut job = std::ptr::null_mut();
-    let info = hl_render_info { reference: 0.05, ..small(field) };
-    ok!(hl_render_start(engine.0, &info, &mut job));
-    ok!(hl_job_wait(job, -1.0));
-    let state = poll(job);
-    assert!(state.error > 0.0 && state.error <= 0.05 && state.directions >= 32, "{} {}", state.error, state.directions);
-    let mut truth = std::ptr::null_mut();
-    ok!(hl_job_get_image(job, &mut truth));
-    let mut difference: hl_difference = init();
-    ok!(hl_image_compare(image(engine.0, &small(field)), truth, &mut difference));
-    println!("against the reference: relative RMSE {:.3}, mean {:.3}", difference.relative_rmse, difference.mean_ratio);
-    assert!(difference.relative_rmse < 0.25 && (difference.mean_ratio - 1.0).abs() < 0.1);
-}
-
-#[test]
-fn a_cancelled_reference_picture_is_no_success_and_keeps_its_passes() {
-    let engine = Engine::new();
-    let field = field(engine.0, &quick(volume(engine.0, 16)));
-    let (mut job, mut kept) = (std::ptr::null_mut(), std::ptr::null_mut());
-    let info = hl_render_info { reference: 1e-6, reference_samples: 1 << 24, width: 8, height: 6, ..small(field) };
-    ok!(hl_render_start(engine.0, &info, &mut job));
-    // Its first pass takes some milliseconds, all of them hours.
-    // SAFETY: a job of ours.
-    assert_eq!(unsafe { hl_job_wait(job, 3.0) }, HL_TIMEOUT);
-    ok!(hl_job_cancel(job));
-    refused!(HL_ERROR_CANCELLED, "cancelled", hl_job_wait(job, -1.0));
-    let state = poll(job);
-    assert!(state.status == HL_ERROR_CANCELLED && state.passes == 1 && state.directions >= 32 && state.error > 0.0, "{}", state.error);
-    ok!(hl_job_get_image(job, &mut kept));
-    assert!(pixels(kept).iter().any(|&v| v > 0.1));
-
-    // A blocking call gives no picture.
-    let until = Until(Instant::now() + Duration::from_secs(3));
-    let info = hl_render_info { progress: Some(stop_then), user: std::ptr::from_ref(&until).cast_mut().cast(), ..info };
-    let mut none = kept;
-    refused!(HL_ERROR_CANCELLED, "cancelled", hl_render(engine.0, &info, &mut none));
-    assert!(none.is_null());
-}
-
-struct Until(Instant);
-
-unsafe extern "C-unwind" fn stop_then(user: *mut c_void, _: *const c_char, _: f32) -> i32 {
-    // SAFETY: the test's own, which outlives the call.
-    i32::from(Instant::now() > unsafe { &*user.cast::<Until>() }.0)
 }
 
 static INNER: AtomicPtr<hl_engine> = AtomicPtr::new(std::ptr::null_mut());

@@ -21,11 +21,14 @@ macro_rules! refused {
     }};
 }
 
+mod cancel;
 mod data;
+mod estimates;
 mod everywhere;
 mod jobs;
 mod life;
 mod misuse;
+mod reference;
 mod same;
 mod scene_keys;
 mod scenes;

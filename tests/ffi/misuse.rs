@@ -60,10 +60,12 @@ fn with_handle(engine: *mut hl_engine, h: *mut c_void) -> Vec<(&'static str, i32
             ("hl_job_timing", hl_job_timing(h.cast(), 0, &mut timing)),
             ("hl_job_get_field", hl_job_get_field(h.cast(), &mut f)),
             ("hl_job_get_image", hl_job_get_image(h.cast(), &mut i)),
+            ("hl_job_get_estimate", hl_job_get_estimate(h.cast(), &mut estimate)),
             ("hl_precompute", hl_precompute(h.cast(), &precompute, &mut f)),
             ("hl_precompute", hl_precompute(engine, &precompute, &mut f)),
             ("hl_precompute_start", hl_precompute_start(engine, &precompute, &mut j)),
             ("hl_precompute_estimate", hl_precompute_estimate(engine, &precompute, &mut estimate)),
+            ("hl_precompute_estimate_start", hl_precompute_estimate_start(engine, &precompute, &mut j)),
             ("hl_field_get_info", hl_field_get_info(h.cast(), &mut field_info)),
             ("hl_field_read", hl_field_read(h.cast(), numbers.as_mut_ptr().cast(), 1)),
             ("hl_field_map", hl_field_map(h.cast(), &mut map, &mut number)),
@@ -158,6 +160,9 @@ fn missing_places_and_structs_are_found_out() {
         other();
         (status, kept.0)
     };
+    let mut done = null_mut();
+    ok!(hl_precompute_estimate_start(e, &quick(volume), &mut done));
+    ok!(hl_job_wait(done, -1.0));
     other();
     // SAFETY: what is NULL is what the library promises to find out.
     let answers = unsafe {
@@ -203,6 +208,8 @@ fn missing_places_and_structs_are_found_out() {
             ("precompute info", asked(hl_precompute(e, null(), &mut null_mut()))),
             ("precompute job", asked(hl_precompute_start(e, &quick(volume), null_mut()))),
             ("precompute estimate", asked(hl_precompute_estimate(e, &quick(volume), null_mut()))),
+            ("estimate job", asked(hl_precompute_estimate_start(e, &quick(volume), null_mut()))),
+            ("job estimate", asked(hl_job_get_estimate(done, null_mut()))),
             ("field info", asked(hl_field_get_info(field, null_mut()))),
             ("field numbers", asked(hl_field_read(field, null_mut(), 128))),
             ("field map", asked(hl_field_map(field, null_mut(), null_mut()))),
@@ -245,7 +252,7 @@ fn structs_of_other_versions_are_read_by_their_size() {
     later.now.struct_size = size_of::<Later>() as u32;
     ok!(hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     later.more[2] = 1;
-    refused!(HL_ERROR_INVALID, "beyond the 144 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
+    refused!(HL_ERROR_INVALID, "beyond the 152 bytes", hl_precompute(engine.0, std::ptr::from_ref(&later).cast(), &mut field));
     assert!(field.is_null());
     // Shorter, as of an earlier one: the rest is zero, whatever stands there.
     for size in [88, 96] {
@@ -321,6 +328,9 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("visibility.step", hl_precompute_info { step: f32::NAN, ..base }),
         ("visibility.growth", hl_precompute_info { growth: -1.0, ..base }),
         ("visibility.directions", hl_precompute_info { directions: u32::MAX, ..base }),
+        ("visibility.fit", hl_precompute_info { fit: 65, ..base }),
+        ("visibility.fit", hl_precompute_info { fit: 8, method: HL_METHOD_MARCH, ..base }),
+        ("hl_precompute_info: its member reserved", hl_precompute_info { reserved: 1, ..base }),
         ("hl_precompute_info.tolerance", hl_precompute_info { tolerance: f64::NAN, ..base }),
         ("hl_precompute_info.tolerance: stands beside", hl_precompute_info { tolerance: 0.1, quality: HL_QUALITY_FINE, ..base }),
         ("hl_precompute_info.quality", hl_precompute_info { quality: 4, ..base }),
@@ -341,8 +351,14 @@ fn values_out_of_range_are_refused_with_a_sentence() {
     refused!(HL_ERROR_INVALID, "surface.iso", hl_precompute(engine.0, &hl_precompute_info { surface: &surface, ..base }, &mut field));
 
     let base = small(good);
-    let camera = |camera: hl_camera| hl_render_info { camera, ..base };
-    let zero = base.camera;
+    let zero: hl_camera = init();
+    // Each kept until the calls are made.
+    let kept = std::cell::RefCell::new(Vec::new());
+    let camera = |camera: hl_camera| {
+        kept.borrow_mut().push(Box::new(camera));
+        hl_render_info { camera: kept.borrow().last().map_or(null(), |c| &raw const **c), ..base }
+    };
+    let further: hl_header = init();
     let cases: Vec<(&str, hl_render_info)> = vec![
         ("at most 16384", hl_render_info { width: 1 << 20, ..base }),
         ("image.step", hl_render_info { step: f64::NAN, ..base }),
@@ -355,6 +371,9 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("camera.up", camera(hl_camera { space: HL_CAMERA_SIDE, position: [0.0, 0.0, 3.0], ..zero })),
         ("camera.position", camera(hl_camera { space: HL_CAMERA_SIDE, position: [f64::NAN, 0.0, 3.0], ..zero })),
         ("hl_camera.space", camera(hl_camera { space: 3, ..zero })),
+        ("hl_camera: struct_size is 0", camera(hl_camera { struct_size: 0, ..zero })),
+        ("hl_camera: struct_type is 1", camera(hl_camera { struct_type: 1, ..zero })),
+        ("hl_camera: next is not NULL", camera(hl_camera { next: (&raw const further).cast(), ..zero })),
         ("hl_render_info.background", hl_render_info { background: 3, ..base }),
         ("background_color", hl_render_info { background: HL_BACKGROUND_COLOR, background_color: [f32::NAN; 3], ..base }),
         ("hl_render_info.reference", hl_render_info { reference: -1.0, ..base }),
@@ -364,7 +383,8 @@ fn values_out_of_range_are_refused_with_a_sentence() {
         ("hl_camera.distance: is -1", camera(hl_camera { distance: -1.0, ..zero })),
         ("camera.position", camera(hl_camera { own_centre: 1, centre: [f64::NAN; 3], orbit: [0.0, 0.0, 1.0, 9.0], ..zero })),
         ("hl_render_info.every_block: is 2", hl_render_info { every_block: 2, ..base }),
-        ("hl_render_info.layers: is 64", hl_render_info { layers: 64, ..base }),
+        ("hl_render_info.layers: is 128", hl_render_info { layers: 128, ..base }),
+        ("hl_render_info.layers: asks for HL_LAYER_NOISE", hl_render_info { layers: HL_LAYER_NOISE | HL_LAYER_DEPTH, ..base }),
         ("beside reference", hl_render_info { layers: HL_LAYER_DEPTH, reference: 0.1, ..base }),
         ("beside reference", hl_render_info { clip: &raw const nowhere, reference: 0.1, ..base }),
         ("hl_clip.space: is 2", hl_render_info { clip: &raw const nowhere, ..base }),

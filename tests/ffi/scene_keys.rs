@@ -13,7 +13,7 @@ use std::path::Path;
 use std::ptr::{null, null_mut};
 
 /// Where C says it, or why it does not.
-const PLACES: [(&str, &str); 60] = [
+const PLACES: [(&str, &str); 61] = [
     ("volume.file", "hl_volume_load, or hl_volume_info.data"),
     ("volume.component", "hl_load_info.component, or hl_volume_info.component"),
     ("volume.series", "hl_load_info.series"),
@@ -56,6 +56,7 @@ const PLACES: [(&str, &str); 60] = [
     ("visibility.step", "hl_precompute_info.step"),
     ("visibility.near", "hl_precompute_info.near_slices"),
     ("visibility.cells", "hl_precompute_info.all_cells"),
+    ("visibility.fit", "hl_precompute_info.fit"),
     ("camera.position", "hl_camera.position"),
     ("camera.target", "hl_camera.target"),
     ("camera.up", "hl_camera.up"),
@@ -152,27 +153,27 @@ fn cuts_orbits_presets_and_components_are_the_commands() {
         own_centre: 1,
         distance: 1.9,
         space: HL_CAMERA_SIDE,
-        ..init::<hl_render_info>().camera
+        ..init()
     };
     let theirs = by_command(folder, &scene(""));
     assert!(theirs.iter().any(|&v| v > 0.1));
     let same = |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
     for volume in [loaded, made] {
         let info = hl_precompute_info { transfer, clip: &clip, ..quick(volume) };
-        let view = hl_render_info { camera, every_block: 1, ..small(field(engine.0, &info)) };
+        let view = hl_render_info { camera: &camera, every_block: 1, ..small(field(engine.0, &info)) };
         assert!(same(&pixels(image(engine.0, &view)), &theirs));
         // Leaping shows the same.
         assert!(same(&pixels(image(engine.0, &hl_render_info { every_block: 0, ..view })), &theirs));
         // Sabotage: a little less of an orbit, another component, no cut.
         let camera = hl_camera { orbit: [0.1, 0.2, 1.0, 50.1], ..camera };
-        assert!(!same(&pixels(image(engine.0, &hl_render_info { camera, ..view })), &theirs));
+        assert!(!same(&pixels(image(engine.0, &hl_render_info { camera: &camera, ..view })), &theirs));
         let whole = field(engine.0, &hl_precompute_info { clip: null(), ..info });
         assert!(!same(&pixels(image(engine.0, &hl_render_info { field: whole, ..view })), &theirs));
     }
     let mut other = null_mut();
     ok!(hl_volume_create(engine.0, &hl_volume_info { data: data.as_ptr().cast(), components: 3, component: 2, ..place }, &mut other));
     let other = field(engine.0, &hl_precompute_info { transfer, clip: &clip, ..quick(other) });
-    assert!(!same(&pixels(image(engine.0, &hl_render_info { camera, ..small(other) })), &theirs));
+    assert!(!same(&pixels(image(engine.0, &hl_render_info { camera: &camera, ..small(other) })), &theirs));
     let path = c_path(folder, "p.json");
     let info = hl_transfer_file_info { name: c"r".as_ptr(), ..init() };
     refused!(HL_ERROR_FORMAT, "no preset is named 'r'", hl_transfer_load(engine.0, path.as_ptr(), &info, &mut transfer));
@@ -289,7 +290,12 @@ fn layers_are_those_of_the_command() {
     refused!(HL_ERROR_INVALID, "one of HL_LAYER", hl_image_read_layer(image, 33, numbers.as_mut_ptr(), 3600));
     refused!(HL_ERROR_INVALID, "room for 1200", hl_image_read_layer(image, HL_LAYER_OPACITY, numbers.as_mut_ptr(), 3600));
     refused!(HL_ERROR_INVALID, "no layer depth", hl_image_save(image, path.as_ptr(), &hl_save_info { layers: 33, ..init() }));
-    refused!(HL_ERROR_INVALID, "sum of HL_LAYER", hl_image_save(image, path.as_ptr(), &hl_save_info { layers: 64, ..init() }));
+    refused!(HL_ERROR_INVALID, "sum of HL_LAYER", hl_image_save(image, path.as_ptr(), &hl_save_info { layers: 128, ..init() }));
+    refused!(
+        HL_ERROR_INVALID,
+        "no layer noise; reference pictures",
+        hl_image_save(image, path.as_ptr(), &hl_save_info { layers: HL_LAYER_NOISE, ..init() })
+    );
     refused!(HL_ERROR_INVALID, "half: is 2", hl_image_save(image, path.as_ptr(), &hl_save_info { half: 2, ..init() }));
     refused!(HL_ERROR_INVALID, "compression", hl_image_save(image, path.as_ptr(), &hl_save_info { compression: 5, ..init() }));
     let png = c_path(folder, "c.png");

@@ -35,6 +35,7 @@ fn every_key_is_read() {
         growth: 0.5,
         step: 0.25,
         near: 3,
+        fit: 0,
         cells: Cells::All,
     };
     assert_eq!(s.visibility, visibility);

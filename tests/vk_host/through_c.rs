@@ -100,6 +100,10 @@ unsafe extern "C-unwind" fn stop(_: *mut c_void, _: *const c_char, _: f32) -> i3
     1
 }
 
+unsafe extern "C-unwind" fn never(_: *mut c_void, _: *const c_void) {
+    panic!("nothing was borrowed");
+}
+
 #[test]
 fn volumes_of_the_hosts_device_are_planned_and_measured() {
     let host = Host::new();
@@ -138,11 +142,19 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
         hl_volume_info { dims: [0; 3], ..info },
         hl_volume_info { r#type: HL_INT64, ..info },
         hl_volume_info { data: data.as_ptr().cast(), ..info },
+        // What holds for samples in main memory alone is refused, not passed over.
+        hl_volume_info { strides: [1, N as i64, (N * N) as i64], ..info },
+        hl_volume_info { memory: HL_BORROW, ..info },
+        hl_volume_info { release: Some(never), ..info },
+        hl_volume_info { release_user: std::ptr::without_provenance_mut(7), ..info },
+        hl_volume_info { replace_nan: 1, ..info },
+        hl_volume_info { nan_as: 1.0, ..info },
     ] {
         back = 1;
         // SAFETY: as above.
         assert_eq!(unsafe { hl_volume_create(engine, &wrong, &mut imaged) }, HL_ERROR_INVALID);
         assert_eq!(back, 0, "{}", last());
+        assert!(last().contains(';'), "{}", last());
     }
     back = 1;
     let spare = hl_vulkan_buffer { reserved: 1, ..lent };
@@ -167,7 +179,11 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
         wait_value: start.value,
         ..init(HL_STRUCT_VULKAN_IMAGE)
     };
-    let info = hl_volume_info { next: from_ref(&lent).cast(), ..info };
+    let typed = hl_volume_info { next: from_ref(&lent).cast(), ..info };
+    // SAFETY: as above.
+    assert_eq!(unsafe { hl_volume_create(engine, &typed, &mut imaged) }, HL_ERROR_INVALID);
+    assert!(last().contains("hl_volume_info.type"), "{}", last());
+    let info = hl_volume_info { r#type: 0, ..typed };
     ok!(hl_volume_create(engine, &info, &mut imaged));
     assert_eq!(seen(engine, imaged), expected);
     // A picture that is cancelled before, or refused, leaves the image alone and says so.
