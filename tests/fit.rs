@@ -35,7 +35,7 @@ fn points_lie_in_matter_and_stand_for_all_of_it() {
     let table = matter.transfer.table(volume.range(), volume.grid());
     let alpha = |p: [f32; 3]| 1.0 - f64::from(-twin::extinction(&table, twin::sample(&volume, p))).exp();
     let found = points(&engine, &medium, &settings(8, 4));
-    assert!(found.places.len() > 500 && found.places.len() % 8 == 0);
+    assert!(found.places.len() > 500 && found.places.len().is_multiple_of(8));
     assert!(found.places.iter().all(|&p| alpha(p) > 0.0), "each lies in matter");
     // Eight in a row share a box.
     for of in found.places.chunks_exact(8) {
