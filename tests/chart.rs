@@ -65,7 +65,7 @@ fn a_small_scene_is_measured_and_written() {
     let doubt = s.left_out.iter().any(|l| l.starts_with("reference picture: its noise"));
     assert!(s.image_reference_wanted > 0.0 && s.image_reference_error > 0.0, "{}", s.image_reference);
     assert_eq!(doubt, s.image_reference_error > 1.05 * s.image_reference_wanted, "{:?}", s.left_out);
-    // Pictures side by side: the reference first, then pairs, each judged; the sweep of the last at a finer ratio.
+    // Pictures side by side: the reference first, then pairs, each judged; the sweep of the last fitted or at a finer ratio.
     assert!(s.shown[0].difference.is_none() && s.shown.len() % 2 == 1);
     for pair in s.shown[1..].chunks(2) {
         assert!(pair[0].group == pair[1].group && pair[0].title.starts_with("hierarchical") && pair[1].title.starts_with("sweep"));

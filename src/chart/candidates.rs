@@ -94,7 +94,8 @@ pub fn taps(v: &Visibility, grid: &Grid) -> f64 {
     let (way, growth) = (0.5 * side, f64::from(v.growth));
     match v.method {
         Method::March => way / f64::from(v.step) + 1.0,
-        Method::Sweep => f64::from(v.near * v.ratio) * 1.3 / f64::from(v.step) + 8.0,
+        // What is seen from points comes on top: about as much per cell that is wanted for every two points.
+        Method::Sweep => (f64::from(v.near * v.ratio) * 1.3 / f64::from(v.step) + 8.0) * (1.0 + 0.5 * f64::from(v.fit)),
         Method::Hierarchical => way.min(1.0 / growth) + (way * growth).max(1.0).ln() / growth + 1.0,
     }
 }
@@ -107,7 +108,7 @@ pub fn name(v: &Visibility) -> String {
     match v.method {
         Method::March => format!("march, N {n}, step {}{jittered}{bands}", v.step),
         Method::Hierarchical => format!("hierarchical, N {n}, {}, growth {}{jittered}{bands}", filter(v.filter), v.growth),
-        Method::Sweep => format!("sweep, N {n}, near {}, step {}{bands}", v.near, v.step),
+        Method::Sweep => format!("sweep, N {n}, near {}, step {}{}{bands}", v.near, v.step, fitted(v)),
     }
 }
 
@@ -119,8 +120,14 @@ pub fn short(v: &Visibility) -> String {
         _ if v.bands < 4 => format!("N {n} {}", counted_bands(v.bands)),
         Method::March => format!("N {n} step {}{jittered}", v.step),
         Method::Hierarchical => format!("N {n} growth {}{jittered}", v.growth),
+        Method::Sweep if v.fit > 0 => format!("N {n} fitted"),
         Method::Sweep => format!("N {n} near {} step {}", v.near, v.step),
     }
+}
+
+/// ", fitted to 8 points a cell", if it is.
+fn fitted(v: &Visibility) -> String {
+    if v.fit > 0 { format!(", fitted to {} points a cell", v.fit) } else { String::new() }
 }
 
 /// "1 band", "3 bands".

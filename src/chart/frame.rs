@@ -84,13 +84,20 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Fields whose frames are charted.
-fn fields(own: u32) -> Vec<Visibility> {
+/// Points per cell of fitted fields.
+const FITTED: u32 = 8;
+
+/// Fields whose frames are charted, those of a medium also fitted to what pictures read.
+fn fields(own: u32, medium: bool) -> Vec<Visibility> {
     let sweep = |ratio, near, directions| Visibility { method: Method::Sweep, ratio, near, directions, step: 2.0, ..Visibility::default() };
     let pyramid = |ratio, directions| Visibility { ratio, directions, ..Visibility::default() };
     let march = |ratio, directions| Visibility { method: Method::March, ratio, directions, ..Visibility::default() };
     let (finer, coarser) = ((own / 2).max(1), (own * 2).min(8));
-    let mut list = vec![sweep(own, 2, 128), sweep(finer, 2, 128), pyramid(own, 64), march(own, 64), sweep(coarser, 2, 128)];
+    let fitted = |ratio| Visibility { fit: FITTED, ..sweep(ratio, 1, 128) };
+    let mut list = vec![sweep(own, 2, 128)];
+    list.extend(medium.then(|| fitted(own)));
+    list.extend([sweep(finer, 2, 128), pyramid(own, 64), march(own, 64), sweep(coarser, 2, 128)]);
+    list.extend([coarser, finer].into_iter().filter(|_| medium).map(fitted));
     list.extend([pyramid(coarser, 64), pyramid(finer, 64), sweep(finer, 4, 256), pyramid(own, 400), march(coarser, 400)]);
     if finer > 1 {
         list.push(sweep(1, 2, 128));
@@ -110,7 +117,7 @@ pub fn measure(frames: &Frames, cost: &dyn Fn(&Visibility) -> f64, clock: &mut C
     report.pixels = [frames.image.width, frames.image.height];
     report.judged = [frames.judged.width, frames.judged.height];
     let (mut pictures, mut late) = (Vec::new(), Vec::new());
-    for (i, v) in fields(frames.subject.ratio).into_iter().enumerate() {
+    for (i, v) in fields(frames.subject.ratio, !frames.medium.has_surface()).into_iter().enumerate() {
         if i >= FIRST && cost(&v) > clock.left(UNTIL[0]) {
             late.push(format!("{} at 1:{}", candidates::name(&v), v.ratio));
             continue;
@@ -164,7 +171,12 @@ pub fn judge(frames: &Frames, pictures: &[Picture], truth: Truth, report: &mut S
         for (point, picture) in pair {
             let title = format!("{}: field {:.2} s, image relative RMSE {:.4}", point.name, point.field_seconds, point.rmse);
             let (picture, difference) = (picture.clone(), Some(difference(picture, &truth.picture)));
-            report.shown.push(Shown { group: "For the pyramid's time, the sweep at a finer ratio".into(), title, picture, difference });
+            report.shown.push(Shown {
+                group: "For the pyramid's time, the sweep fitted or at a finer ratio".into(),
+                title,
+                picture,
+                difference,
+            });
         }
     }
     report.image_reference.clone_from(&truth.how);
@@ -173,12 +185,14 @@ pub fn judge(frames: &Frames, pictures: &[Picture], truth: Truth, report: &mut S
     report.shown.insert(0, Shown { group: "Reference".into(), title, picture: truth.picture, difference: None });
 }
 
-/// The pyramid's best picture at a ratio, and the best one of a sweep at a finer ratio whose field took no longer.
+/// The pyramid's best picture at a ratio, and the best one of a sweep, fitted or at a finer ratio, whose field took no longer.
 fn finer<'a>(ratio: u32, frames: &'a [FramePoint], pictures: &'a [Picture]) -> Option<[(&'a FramePoint, &'a Picture); 2]> {
     let of = |method| frames.iter().zip(pictures).filter(move |(p, _)| p.visibility.method == method && p.step == 1.0);
     let least = |a: &(&FramePoint, &Picture), b: &(&FramePoint, &Picture)| a.0.rmse.total_cmp(&b.0.rmse);
     let pyramid = of(Method::Hierarchical).filter(|(p, _)| p.ratio == ratio).min_by(least)?;
-    let sweep = of(Method::Sweep).filter(|(p, _)| p.ratio < ratio && p.field_seconds <= pyramid.0.field_seconds).min_by(least)?;
+    let sweep = of(Method::Sweep)
+        .filter(|(p, _)| (p.ratio < ratio || p.visibility.fit > 0) && p.field_seconds <= pyramid.0.field_seconds)
+        .min_by(least)?;
     Some([pyramid, sweep])
 }
 

