@@ -7,7 +7,7 @@
 //! | [`Volume`](scene::Volume) → device | [`Engine::upload`] | |
 //! | [`Medium`](engine::Medium): extinction and albedo | [`Engine::classify`] | |
 //! | opacity pyramid | inside `precompute` (`stages::classify`, `stages::minify`) | Ritschel 2007, 3.1 |
-//! | [`Field`](engine::Field): visibility, 16 SH coefficients a cell | [`Engine::precompute`] (`stages::{march, hierarchical, sweep, pack}`) | Ritschel 2007, Eq. 1 |
+//! | [`Field`](engine::Field): visibility, 16 SH coefficients a cell | [`Engine::precompute`] (`stages::{march, hierarchical, sweep, fit, pack}`) | Ritschel 2007, Eq. 1 |
 //! | [`Lit`](engine::Lit): irradiance volume | [`Engine::relight`] (`stages::relight`) | Ritschel 2007, 3.2 |
 //! | [`Picture`](scene::Picture) | [`Engine::render`] (`stages::{raymarch, isosurface}`) | |
 //!

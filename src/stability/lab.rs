@@ -64,6 +64,11 @@ impl<'a> Lab<'a> {
         self.row(&m.name, what, value, bound, why);
     }
 
+    /// What estimated coefficients are multiplied by.
+    pub(super) fn tamper(&self) -> f32 {
+        self.tamper
+    }
+
     pub(super) fn into_rows(mut self) -> Vec<Row> {
         if let Some(outside) = self.outside {
             self.row(

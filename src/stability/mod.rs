@@ -5,6 +5,7 @@
 mod beam;
 mod devices;
 mod extremes;
+mod fit;
 mod grids;
 mod lab;
 mod light;
@@ -138,6 +139,7 @@ pub const CASES: &[Case] = &[
     case("far voxel", "one opaque voxel, 7 to 11 voxels off; truth: a dense march of other directions at each cell", matter::far_voxel),
     case("tube", "a bore of 6 voxels in opaque matter, seen from its bottom; truth: its opening's solid angle", matter::tube),
     case("half-space", "above an opaque plane; truth: the zonal coefficients of a step", matter::half_space),
+    case("walls", "hollow balls under cells of four voxels, read at their matter; truth: a dense march there", fit::walls),
     case("pinhole", "one direction through a hole of 3x3 voxels in a wall; truth: the hole's own width", beam::pinhole),
     case("axis switch", "one direction turning through 45 degrees, where a sweep changes its major axis", beam::axis_switch),
     case("extinction", "1e-6 to 1e6 per voxel: finite, and more matter is never brighter", extremes::extinction),

@@ -66,6 +66,7 @@ sampling = "jittered"
 growth = 0.5
 step = 0.25
 near = 3
+fit = 0
 cells = "all"
 
 [camera]

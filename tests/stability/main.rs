@@ -35,6 +35,7 @@ cases! {
     far_voxel: "far voxel",
     tube: "tube",
     half_space: "half-space",
+    walls: "walls",
     pinhole: "pinhole",
     axis_switch: "axis switch",
     extinction: "extinction",

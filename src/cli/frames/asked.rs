@@ -103,8 +103,16 @@ impl Asked {
             (image.width, image.height) = (side(image.width), side(image.height));
         }
         let v = &self.scene.visibility;
-        self.scene.visibility =
-            Visibility { method: Method::Sweep, ratio: 8, directions: 32, near: 1, step: 2.0, sampling: Default::default(), ..v.clone() };
+        self.scene.visibility = Visibility {
+            method: Method::Sweep,
+            ratio: 8,
+            directions: 32,
+            near: 1,
+            fit: 0,
+            step: 2.0,
+            sampling: Default::default(),
+            ..v.clone()
+        };
         self.said.push(format!(
             "preview: {}x{} pixels, a field at 1:8 swept in 32 directions; without --quick it is as the scene says",
             image.width, image.height
