@@ -167,7 +167,11 @@ pub fn visibility(
 fn said(grid: &Grid, v: &Visibility, report: &mut Report) {
     let ([fx, fy, fz], coefficients) = (grid.field_dims(v.ratio as usize), v.coefficients());
     let packing = if v.bits == 32 { "32-bit float".into() } else { format!("{} bits", v.bits) };
-    report.line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions", v.ratio, v.directions));
+    let fitted = if v.fit > 0 { format!(", fitted to {} points a cell", v.fit) } else { String::new() };
+    report.line(
+        "field",
+        format!("{fx}x{fy}x{fz} (1:{}), {coefficients} coefficients of {packing}, {} directions{fitted}", v.ratio, v.directions),
+    );
 }
 
 /// Trilinear taps of the long stages, roughly: what the bar shows as their shares.
@@ -178,7 +182,7 @@ pub fn works(v: &Visibility, image: &ImageSettings, grid: &Grid) -> [(&'static s
     let (way, growth) = (0.5 * side, f64::from(v.growth));
     let taps = match v.method {
         Method::March => way / f64::from(v.step),
-        Method::Sweep => f64::from(v.near * v.ratio) * 1.3 / f64::from(v.step) + 2.0,
+        Method::Sweep => (f64::from(v.near * v.ratio) * 1.3 / f64::from(v.step) + 2.0) * (1.0 + 0.5 * f64::from(v.fit)),
         // Single voxels up to 1/growth, then steps that grow with the distance; two levels a tap.
         Method::Hierarchical => 2.0 * (way.min(1.0 / growth) + (way * growth).max(1.0).ln() / growth),
     };

@@ -137,7 +137,7 @@ impl Engine {
         if settings.fit > 0 && medium.has_surface() {
             return Err(Error::Invalid {
                 item: "visibility.fit",
-                what: format!("{} points of an isosurface", settings.fit),
+                what: format!("asks for {} points of an isosurface", settings.fit),
                 right: "fields are fitted to media; a surface takes its light from the vacuum before it: take fit 0".into(),
             });
         }

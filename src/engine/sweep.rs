@@ -16,6 +16,9 @@ use std::time::Instant;
 /// everywhere.
 const RING: u64 = 64 << 20;
 
+/// Share of a fitted pass's time that its sweep takes, the points' sight included.
+const SWEPT: f64 = 0.85;
+
 /// Bytes of the ring per direction, for the largest slice: the least that a sweep can do with.
 pub(super) fn ring_bytes(dims: [usize; 3], near: u32) -> u64 {
     (0..3).map(|a| sweep::slice_cells(dims, a) as u64).max().unwrap_or(1) * 4 * (u64::from(near) + 1)
@@ -194,6 +197,7 @@ impl<'a> Sweeper<'a> {
         let work = |b: &Group, slices: u32| u64::from(slices) * u64::from(b.count) * sweep::slice_cells(dims, b.axis) as u64;
         let total: u64 = batches.iter().map(|b| work(b, dims[b.axis] as u32)).sum();
         let mut done = 0;
+        let share = if self.fit.is_some() { SWEPT } else { 1.0 };
         for b in batches {
             let slices = dims[b.axis] as u32;
             let mut order = 0;
@@ -243,7 +247,7 @@ impl<'a> Sweeper<'a> {
                 self.pacer.took(count, start.elapsed().as_secs_f64());
                 order += count;
                 done += work(&b, count);
-                tell(done as f64 / total as f64)?;
+                tell(share * done as f64 / total as f64)?;
             }
             self.begin = false;
         }
@@ -256,7 +260,8 @@ impl<'a> Sweeper<'a> {
         if let Some(points) = &mut self.fit {
             let sums = self.sums.each_ref();
             let cells = (&self.wanted_cells[..], &self.cell_map);
-            points.solve(self.engine, self.medium, dims, cells, (sums, self.directions), &mut || tell(1.0))?;
+            points.solve(self.engine, self.medium, dims, cells, (sums, self.directions), &mut || tell(share))?;
+            tell(1.0)?;
         }
         Ok(())
     }
