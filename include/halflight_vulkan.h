@@ -11,7 +11,8 @@
  * Images and buffers are the engine's from the call (or the job's start) until the call returns (the job ends), or as the
  * semaphores order it. Of what belongs to another queue family than the engine's (hl_vulkan_get_family), the host records its
  * half of each hand-over: before, a barrier from its family to the engine's, layouts `layout` to `layout`; after, one from the
- * engine's to its own, layouts `layout_after` to `layout_after`. */
+ * engine's to its own, layouts `layout_after` to `layout_after`. A wait that has been submitted holds the engine's queue until
+ * the host signals it, also where its job is cancelled or the engine destroyed. */
 #ifndef HALFLIGHT_VULKAN_H
 #define HALFLIGHT_VULKAN_H
 
@@ -107,7 +108,8 @@ typedef struct hl_vulkan_image {
     uint64_t wait_value;
     uint64_t signal_semaphore; /* and when it is handed back */
     uint64_t signal_value;
-    int32_t *handed_back; /* set to 1 when it was, to 0 when it was not touched, also by a refusal; may be NULL */
+    int32_t *handed_back; /* set to 1 when it was, to 0 when it was not touched, also by a refusal;
+                            lives until the call returns or the job ends; may be NULL */
 } hl_vulkan_image;
 
 typedef struct hl_vulkan_buffer {

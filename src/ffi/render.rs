@@ -42,9 +42,10 @@ pub(super) struct Request {
 
 impl Request {
     pub fn of(scope: &mut Scope, engine: *mut hl_engine, info: *const hl_render_info) -> Result<Self> {
-        let host = scope.engine(engine)?;
-        let info = read("hl_render_info", info)?;
-        let target = target(&info)?;
+        let (host, info) = (scope.engine(engine), read("hl_render_info", info));
+        // Tells that the host's image is not touched, whatever is refused.
+        let target = info.as_ref().map_or(Ok(None), target);
+        let (host, info, target) = (host?, info?, target?);
         if info.reference > 0.0 && (info.layers != 0 || !info.clip.is_null()) {
             let right = "a reference picture has no layers and is cut as its field is: give the clip to the precompute";
             return Err(Fault::invalid("hl_render_info.layers or clip", "is set beside reference", right));

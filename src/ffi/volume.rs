@@ -200,10 +200,13 @@ fn strides(info: &hl_volume_info, kind: SampleType, components: u32) -> Result<[
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const hl_volume_info, volume: *mut *mut hl_volume) -> hl_status {
     enter(|scope| {
-        let (host, out) = scope.making("volume", volume, |s| s.engine(engine))?;
-        let info = read("hl_volume_info", info)?;
-        if !info.next.is_null() {
-            return out.give(from_device(&host, &info)?);
+        let made = scope.making("volume", volume, |s| s.engine(engine));
+        let info = read("hl_volume_info", info);
+        // Tells that the host's image or buffer is not touched, whatever is refused.
+        let source = info.as_ref().map_or(Ok(None), source);
+        let ((host, out), info) = (made?, info?);
+        if let Some(source) = source? {
+            return out.give(from_device(&host, &info, &source)?);
         }
         if info.data.is_null() {
             return Err(Fault::invalid("hl_volume_info.data", "is NULL", "samples are needed"));
@@ -224,9 +227,13 @@ pub unsafe extern "C" fn hl_volume_create(engine: *mut hl_engine, info: *const h
     })
 }
 
+/// What lies on the host's device, if anything does.
+fn source(info: &hl_volume_info) -> Result<Option<vulkan::Source>> {
+    if info.next.is_null() { Ok(None) } else { vulkan::Source::of(info.next).map(Some) }
+}
+
 /// A volume from an image or a buffer of the host's device.
-fn from_device(host: &Arc<Host>, info: &hl_volume_info) -> Result<Arc<VolumeCell>> {
-    let source = vulkan::Source::of(info.next)?;
+fn from_device(host: &Arc<Host>, info: &hl_volume_info, source: &vulkan::Source) -> Result<Arc<VolumeCell>> {
     if !info.data.is_null() {
         return Err(Fault::invalid("hl_volume_info.data", "stands beside an image or buffer", "set it to NULL"));
     }

@@ -73,6 +73,15 @@ fn invalid(item: &'static str, what: String, right: &str) -> Error {
     Error::Invalid { item, what, right: String::from(right) }
 }
 
+/// Nobody can lend to a device of the engine's own: a handle of another device would be followed into nowhere.
+fn lendable(raw: &Raw, item: &'static str) -> Result<()> {
+    if raw.owned {
+        let what = String::from("is of another device than the engine, which has one of its own");
+        return Err(invalid(item, what, "make the engine on the device that it belongs to"));
+    }
+    Ok(())
+}
+
 fn family(raw: &Raw, item: &'static str, family: u32) -> Result<Option<u32>> {
     if family == QUEUE_FAMILY_IGNORED || family == raw.family {
         return Ok(None);
@@ -109,12 +118,13 @@ impl Device {
     /// Takes an image of the host into the ledger, to be read or written by copies. It starts as [`Access::Foreign`].
     ///
     /// # Errors
-    /// [`Error::Invalid`] for what cannot be: a null handle, no texels, a format that is not one of `formats`, missing usage, a
+    /// [`Error::Invalid`] for what cannot be: a device that is not the host's, a null handle, no texels, a format that is not one of `formats`, missing usage, a
     /// layout that has no contents to read or cannot be gone back to, a value that is not after the one waited for;
     /// [`Error::DeviceLacks`] for semaphores without the feature.
     pub fn borrow_image(&self, host: &HostImage, name: &str, formats: &[Format], write: bool) -> Result<Image> {
         const ITEM: &str = "host image";
         let (raw, parts) = (&self.0.raw, &host.parts);
+        lendable(raw, ITEM)?;
         let image = vk::Image::from_raw(parts.image);
         if image.is_null() || parts.extent.contains(&0) {
             return Err(invalid(ITEM, String::from("is null or has no texels"), "hand over a VkImage and its extent"));
@@ -164,6 +174,7 @@ impl Device {
     pub fn borrow_buffer(&self, host: &HostBuffer, name: &str) -> Result<Buffer> {
         const ITEM: &str = "host buffer";
         let (raw, parts) = (&self.0.raw, &host.parts);
+        lendable(raw, ITEM)?;
         let buffer = vk::Buffer::from_raw(parts.buffer);
         if buffer.is_null() || parts.size == 0 {
             return Err(invalid(ITEM, String::from("is null or empty"), "hand over a VkBuffer and its size"));

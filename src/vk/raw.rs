@@ -30,7 +30,7 @@ pub(super) struct Raw {
     /// One at a time may submit: all device work is serialised here.
     pub queue: Mutex<Queue>,
     /// Whether instance and device are ours to destroy.
-    owned: bool,
+    pub owned: bool,
     /// What is enabled.
     pub features: Features,
     /// Queue families that there are.

@@ -199,6 +199,18 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
         assert_eq!(back, 0, "{}", last());
     }
 
+    back = 1;
+    // SAFETY: as above.
+    assert_eq!(unsafe { hl_render(null_mut(), &picture, &mut none) }, HL_ERROR_HANDLE);
+    assert_eq!(back, 0);
+    for (of, at) in [(null_mut(), &raw mut imaged), (engine, null_mut())] {
+        back = 1;
+        let info = hl_volume_info { next: from_ref(&target).cast(), ..info };
+        // SAFETY: as above.
+        assert_ne!(unsafe { hl_volume_create(of, &info, at) }, HL_OK);
+        assert_eq!(back, 0, "{}", last());
+    }
+
     // A plan keeps its word there, and may be asked what it costs.
     let info = hl_precompute_info { volume: buffered, tolerance: 0.15, progressive: 1, ..init(0) };
     let (mut cost, mut job, mut state) = (init::<hl_estimate>(0), null_mut(), init::<hl_job_state>(0));
@@ -216,6 +228,56 @@ fn volumes_of_the_hosts_device_are_planned_and_measured() {
     ok!(hl_volume_create(engine, &info, &mut wrong));
     assert_ne!(seen(engine, wrong), expected);
     ok!(hl_engine_destroy(engine));
+}
+
+#[test]
+fn a_device_of_our_own_takes_nothing_of_the_hosts() {
+    let host = Host::new();
+    let theirs = engine(&host);
+    let mut ours = null_mut();
+    ok!(hl_engine_create(null(), &mut ours));
+    let (source, mut back, mut made) = (Bytes::of(&host, &blob()), 1, null_mut());
+    let buffer = hl_vulkan_buffer {
+        buffer: source.buffer.as_raw(),
+        size: source.size,
+        queue_family: HL_VULKAN_NO_FAMILY,
+        handed_back: &mut back,
+        ..init(HL_STRUCT_VULKAN_BUFFER)
+    };
+    let buffer = hl_volume_info { next: from_ref(&buffer).cast(), dims: [N as u32; 3], r#type: HL_UINT8, ..init(0) };
+    let lent = |texels: &Texels| hl_vulkan_image {
+        image: texels.image.as_raw(),
+        format: texels.format.as_raw(),
+        extent: texels.extent,
+        usage: texels.usage.as_raw(),
+        layout: vk::ImageLayout::GENERAL.as_raw(),
+        queue_family: HL_VULKAN_NO_FAMILY,
+        ..init(HL_STRUCT_VULKAN_IMAGE)
+    };
+    let texels = Texels::new(&host, vk::Format::R8_UNORM, [N as u32; 3]);
+    let image = lent(&texels);
+    let image = hl_volume_info { next: from_ref(&image).cast(), r#type: 0, ..buffer };
+    for info in [buffer, image] {
+        // SAFETY: what is wrong is found out.
+        assert_eq!(unsafe { hl_volume_create(ours, &info, &mut made) }, HL_ERROR_INVALID);
+        assert!(made.is_null() && last().contains("of another device"), "{}", last());
+    }
+    assert_eq!(back, 0);
+    // The same buffer is a volume where it belongs.
+    ok!(hl_volume_create(theirs, &buffer, &mut made));
+    assert_eq!(back, 1);
+    let (mut volume, mut field, data) = (null_mut(), null_mut(), blob());
+    let info = hl_volume_info { data: data.as_ptr().cast(), next: null(), ..buffer };
+    ok!(hl_volume_create(ours, &info, &mut volume));
+    ok!(hl_precompute(ours, &hl_precompute_info { volume, directions: 8, ..init(0) }, &mut field));
+    let texels = Texels::new(&host, vk::Format::R32G32B32A32_SFLOAT, [8, 8, 1]);
+    let target = lent(&texels);
+    let picture = hl_render_info { field, next: from_ref(&target).cast(), width: 8, height: 8, ..init(0) };
+    // SAFETY: as above.
+    assert_eq!(unsafe { hl_render(ours, &picture, null_mut()) }, HL_ERROR_INVALID);
+    assert!(last().contains("of another device"), "{}", last());
+    ok!(hl_engine_destroy(ours));
+    ok!(hl_engine_destroy(theirs));
 }
 
 #[test]
