@@ -6,7 +6,7 @@ use super::fault::{self, Fault, Result};
 use super::handle::{self, Object};
 use super::host::{Active, Host};
 use std::ffi::{CStr, OsStr, c_char};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The engine that a call turned out to be about.
@@ -247,6 +247,11 @@ pub(super) fn words(item: &str, at: *const c_char) -> Result<Option<String>> {
 pub(super) fn path(at: *const c_char) -> Result<PathBuf> {
     let Some(text) = text(at) else { return Err(Fault::invalid("path", "is NULL", "name a file")) };
     Ok(PathBuf::from(os(text)?))
+}
+
+/// What a path ends in, in small letters.
+pub(super) fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
 #[cfg(unix)]

@@ -47,6 +47,10 @@ pub unsafe extern "C" fn hl_field_save(field: *const hl_field, path: *const c_ch
     enter(|scope| {
         let cell = scope.get::<FieldCell>(field)?;
         let path = super::call::path(path)?;
+        match super::call::extension(&path).as_str() {
+            "nrrd" => {}
+            other => return Err(Fault::invalid("path", format_args!("ends in {other:?}"), "a field is an .nrrd")),
+        }
         let turn = cell.host().turn()?;
         let (engine, medium) = (turn.engine(), &cell.medium);
         let (data, volume) = (engine.read_field(&cell.field)?, engine.read_volume(medium.volume())?);

@@ -191,8 +191,7 @@ pub unsafe extern "C" fn hl_image_save(image: *const hl_image, path: *const c_ch
         let (picture, path) = (image.picture()?, super::call::path(path)?);
         let how = if info.is_null() { Saved::default() } else { Saved::of(&read("hl_save_info", info)?)? };
         let layers = if how.layers == 0 { Vec::new() } else { layers::channels(layers::of(&image, how.layers)?, how.layers) };
-        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-        match extension.as_str() {
+        match super::call::extension(&path).as_str() {
             "png" if how.layers != 0 => return Err(Fault::invalid("hl_save_info.layers", "is set", "only an .exr holds layers")),
             "png" => io::write_png(&path, &picture, how.exposure as f32, &[])?,
             "exr" => io::write_exr_layers(&path, &picture, &layers, how.options, &[])?,

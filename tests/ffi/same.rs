@@ -124,6 +124,11 @@ fn fields_go_to_files_and_back() {
         assert_eq!((a.dims, a.bits, a.directions, a.method), (b.dims, b.bits, b.directions, b.method));
         assert_eq!(pixels(image(engine.0, &small(field))), pixels(image(engine.0, &small(again))), "{bits} bits");
     }
+    // As the command, only what says what it is.
+    let unnamed = field(engine.0, &quick(volume));
+    // SAFETY: a field and a path of ours.
+    assert_eq!(unsafe { hl_field_save(unnamed, path("f.txt").as_ptr()) }, HL_ERROR_INVALID);
+    assert!(crate::last(engine.0).1.contains(".nrrd") && !folder.path().join("f.txt").exists());
     // The command takes what was saved here: the picture is that of the field that it computes itself.
     std::fs::write(folder.path().join("v.raw"), ball(20)).unwrap();
     let saved = field(engine.0, &quick(volume));
