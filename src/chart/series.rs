@@ -144,6 +144,7 @@ fn frame_mark(p: &FramePoint) -> Mark {
         hollow: p.step != 1.0,
         front: p.front,
         label: match p.step {
+            1.0 if p.visibility.fit > 0 => format!("1:{} N {} fitted", p.ratio, p.visibility.directions),
             1.0 => format!("1:{} N {}", p.ratio, p.visibility.directions),
             step => format!("1:{} N {} step {step}", p.ratio, p.visibility.directions),
         },

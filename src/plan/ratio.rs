@@ -12,8 +12,8 @@ use std::time::Instant;
 /// Cells of a field that a plan makes finer than it would, because the volume is thin.
 const MOST_THIN: usize = 1 << 20;
 
-/// Ratios that a tolerance may choose. A field at 1:1 takes eight times the cells of 1:2 and more slices to march densely:
-/// nobody waits fifty times as long unasked.
+/// Ratios that a tolerance may choose. A field at 1:1 takes eight times the cells of 1:2, and about six times as
+/// long: nobody waits for it unasked.
 const FINER: [u32; 3] = [8, 4, 2];
 
 /// Cells of the finest field that is taken unasked: 1:2 of 512³ voxels.
