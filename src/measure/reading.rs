@@ -66,21 +66,10 @@ pub(crate) fn read(voxel: u32, n: [usize; 3], dims: [usize; 3], cell: impl Fn(u3
 /// The cells around a voxel's centre and their trilinear weights, of which those inside an opaque surface have none.
 pub(crate) fn around(voxel: usize, n: [usize; 3], dims: [usize; 3], buried: &[bool]) -> Vec<(u32, f32)> {
     let at = [voxel % n[0], voxel / n[0] % n[1], voxel / n[0] / n[1]];
-    let q: [f32; 3] = std::array::from_fn(|a| (at[a] as f32 + 0.5) * dims[a] as f32 / n[a] as f32 - 0.5);
-    let mut corners = Vec::with_capacity(8);
-    for i in 0..8usize {
-        let (mut cell, mut weight, mut stride) = (0, 1.0, 1);
-        for a in 0..3 {
-            let upper = i >> a & 1;
-            let f = q[a] - q[a].floor();
-            weight *= if upper == 1 { f } else { 1.0 - f };
-            cell += stride * (q[a].floor() as i64 + upper as i64).clamp(0, dims[a] as i64 - 1) as usize;
-            stride *= dims[a];
-        }
-        if weight > 0.0 && !buried.get(cell).is_some_and(|b| *b) {
-            corners.push((cell as u32, weight));
-        }
-    }
+    let q = std::array::from_fn(|a| (at[a] as f32 + 0.5) * dims[a] as f32 / n[a] as f32 - 0.5);
+    let sees = |cell: usize| !buried.get(cell).is_some_and(|b| *b);
+    let mut corners: Vec<(u32, f32)> =
+        twin::corners(dims, q).into_iter().filter(|c| sees(c.0)).map(|(cell, weight)| (cell as u32, weight)).collect();
     let sum: f32 = corners.iter().map(|c| c.1).sum();
     corners.iter_mut().for_each(|c| c.1 /= sum);
     corners

@@ -301,7 +301,7 @@ pub fn objective(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own: &[f64],
     let mut weight = vec![0f64; own.len()];
     let mut sum = 0.0;
     for (q, w, v) in points {
-        let corners = corners(dims, *q);
+        let corners = weights_at(dims, *q);
         let read: f64 = corners.iter().map(|&(c, phi)| phi * x[c]).sum();
         sum += w * (read - v) * (read - v);
         corners.iter().for_each(|&(c, phi)| weight[c] += w * phi);
@@ -311,7 +311,7 @@ pub fn objective(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own: &[f64],
 
 /// The twin of the solver: what makes [`objective`] least, by Gauss-Seidel to convergence. Cells that no point reads stay.
 pub fn reference_solution(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own: &[f64]) -> Vec<f64> {
-    let corners: Vec<_> = points.iter().map(|(q, ..)| corners(dims, *q)).collect();
+    let corners: Vec<_> = points.iter().map(|(q, ..)| weights_at(dims, *q)).collect();
     let mut readers = vec![Vec::new(); own.len()];
     for (i, of) in corners.iter().enumerate() {
         of.iter().for_each(|&(c, phi)| readers[c].push((i, phi)));
@@ -339,16 +339,7 @@ pub fn reference_solution(dims: [usize; 3], points: &[([f32; 3], f64, f64)], own
     x
 }
 
-/// The cells around a place, counted in cells from the first's centre, and their trilinear weights.
-fn corners(dims: [usize; 3], q: [f32; 3]) -> Vec<(usize, f64)> {
-    let q: [f64; 3] = std::array::from_fn(|a| f64::from(q[a]).clamp(0.0, (dims[a] - 1) as f64));
-    let weight = |i: usize, a: usize| {
-        let f = q[a] - q[a].floor();
-        if i >> a & 1 == 1 { f } else { 1.0 - f }
-    };
-    let place = |i: usize, a: usize| (q[a] as usize + (i >> a & 1)).min(dims[a] - 1);
-    (0..8)
-        .map(|i| (place(i, 0) + dims[0] * (place(i, 1) + dims[1] * place(i, 2)), weight(i, 0) * weight(i, 1) * weight(i, 2)))
-        .filter(|(_, w)| *w > 0.0)
-        .collect()
+/// [`twin::corners`] in double precision.
+fn weights_at(dims: [usize; 3], q: [f32; 3]) -> Vec<(usize, f64)> {
+    twin::corners(dims, q).into_iter().map(|(cell, weight)| (cell, f64::from(weight))).collect()
 }

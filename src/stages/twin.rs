@@ -38,6 +38,18 @@ pub fn trilinear(dims: [usize; 3], p: [f32; 3], get: impl Fn([usize; 3]) -> f32)
     sum
 }
 
+/// The cells around a place, counted in cells from the first's centre and clamped to the outermost, by linear index, and their
+/// trilinear weights, of which none is 0.
+pub fn corners(dims: [usize; 3], q: [f32; 3]) -> Vec<(usize, f32)> {
+    let q: [f32; 3] = std::array::from_fn(|a| q[a].clamp(0.0, (dims[a] - 1) as f32));
+    let weight = |i: usize, a: usize| if i >> a & 1 == 1 { q[a].fract() } else { 1.0 - q[a].fract() };
+    let place = |i: usize, a: usize| (q[a] as usize + (i >> a & 1)).min(dims[a] - 1);
+    (0..8)
+        .map(|i| (place(i, 0) + dims[0] * (place(i, 1) + dims[1] * place(i, 2)), weight(i, 0) * weight(i, 1) * weight(i, 2)))
+        .filter(|(_, w)| *w > 0.0)
+        .collect()
+}
+
 /// Trilinear value of a volume at voxel coordinates.
 pub fn sample(volume: &Volume, p: [f32; 3]) -> f32 {
     let d = volume.grid().dims();
