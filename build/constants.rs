@@ -4,13 +4,18 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 
 /// Name, value, meaning.
-const INTEGERS: [(&str, usize, &str); 10] = [
+const INTEGERS: [(&str, usize, &str); 11] = [
     ("COEFFICIENTS", 16, "Spherical-harmonic coefficients of a field: bands 0 to 3, index l(l+1)+m."),
     ("TABLE_SIZE", 4096, "Entries of a tabulated function of the scalar."),
     ("MAX_LEVELS", 14, "Levels of the deepest pyramid: 8192 cells along an edge."),
     ("SLOT_ROW", 256, "Edge of the slices in which the sweep's sums stand, slot after slot."),
     ("TILE_ROW", 16, "Cells of a tile of the sweep along a row of a slice."),
     ("TILE_COLUMN", 8, "Rows of a tile of the sweep."),
+    (
+        "MOST_LANES",
+        8,
+        "Most invocations that share the directions of a batch: their sums take 16 KiB of shared memory, which every device has.",
+    ),
     ("CANDIDATES", 4, "Places along an edge of a cell at which the fit looks for matter."),
     ("BRICK", 4, "Cells along an edge of a brick of the field: one work group."),
     ("BLOCK", 4, "Voxels along an edge of a block of the occupancy."),

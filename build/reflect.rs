@@ -71,6 +71,14 @@ pub fn reflect(source: &Path, words: &[u32]) -> Result<Kernel, String> {
     let read_write = declared_read_write(source)?;
     let defaults = spec_defaults(words);
 
+    let named: Vec<u32> = entry
+        .vars
+        .iter()
+        .filter_map(|v| match v {
+            Variable::SpecConstant { name: Some(_), spec_id, .. } => Some(*spec_id),
+            _ => None,
+        })
+        .collect();
     let mut kernel = Kernel { name, bindings: Vec::new(), params: Vec::new(), spec: Vec::new(), local_size: local_size(&entry)? };
     for variable in &entry.vars {
         match variable {
@@ -78,6 +86,8 @@ pub fn reflect(source: &Path, words: &[u32]) -> Result<Kernel, String> {
                 kernel.bindings.push(binding(name.as_deref(), *desc_bind, desc_ty, ty, *nbind, &read_write)?);
             }
             Variable::PushConstant { ty, .. } => kernel.params = params(ty)?,
+            // `local_size_y_id` makes constants of its own without a name, of the id that a named one has.
+            Variable::SpecConstant { name: None, spec_id, .. } if named.contains(spec_id) => {}
             Variable::SpecConstant { name, spec_id, ty } => {
                 let name = name.clone().ok_or_else(|| format!("the specialization constant {spec_id} has no name"))?;
                 let rust = match ty {

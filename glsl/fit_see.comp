@@ -3,17 +3,19 @@
 // V = exp(-tau(point -> the centre plane of the slice NEAR further on)) * bilinear(T there), as sweep.comp has it of cells.
 // Counted per point and direction: (NEAR - 1/2 .. NEAR + 1/2) x (cell edge .. sqrt(3) cell edges)/step taps with 2 table
 // loads each, 4 loads of T, 2 of the direction, 16 multiply-adds, 40 flops of harmonics; per point and batch 32 loads and stores.
+// On a separate card LANES invocations share the batch's directions: see sweep.comp.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"
 #include "sh.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 64, local_size_y_id = 4) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
 layout(constant_id = 1) const uint NEAR = 1; // slices marched densely
 layout(constant_id = 2) const uint AXIS = 2; // major axis of the group: slices stand across it
 layout(constant_id = 3) const uint CLIPS = 0; // clip planes
+layout(constant_id = 4) const uint LANES = 1; // invocations that share the directions of a batch
 
 struct Direction {
     vec4 voxel; // xyz: direction in voxel space, of world length 1
@@ -49,9 +51,30 @@ layout(push_constant) uniform Params {
 #include "medium.glsl"
 #include "clip.glsl"
 
+// Adds up eight coefficients of the lanes; each lane stores some.
+#define SHARE(FIRST) \
+    if (BANDS * BANDS > FIRST) { \
+        barrier(); \
+        for (int j = 0; j < 8; j++) lanes[(j * int(LANES) + int(lane)) * 64 + int(l)] = s[FIRST + j]; \
+        barrier(); \
+        for (uint j = lane; j < 8u; j += LANES) { \
+            float sum = 0.0; \
+            for (uint i = 0u; i < LANES; i++) sum += lanes[(j * LANES + i) * 64u + l]; \
+            uint at = (uint(FIRST) + j) * capacity + point; \
+            if (!outside && uint(FIRST) + j < BANDS * BANDS) seen[at] = begin == 0u ? seen[at] + sum : sum; \
+        } \
+    }
+
+// What the lanes have of eight coefficients: lane after lane.
+shared float lanes[8 * uint(MOST_LANES) * 64];
+
 void main() {
     uint g = gl_GlobalInvocationID.x;
-    if (g >= count) return;
+    bool outside = g >= count;
+    // Lanes wait for each other.
+    if (LANES == 1u && outside) return;
+    uint lane = LANES == 1u ? 0u : gl_LocalInvocationID.y;
+    g = min(g, count - 1u);
     uint point = order[first_box + g / point_count] * point_count + g % point_count;
     vec3 x = points[point].xyz;
     const uint row = AXIS == 0u ? 1u : 0u;
@@ -61,8 +84,8 @@ void main() {
     vec3 scale = 1.0 / volume_dims;
     float s[16];
     for (int i = 0; i < 16; i++) s[i] = 0.0;
-    uint k = 0u;
-    do {
+    uint k = lane;
+    if (LANES == 1u || !outside && k < direction_count) do {
         vec3 d = directions[first_direction + k].voxel.xyz;
         vec3 wall = (mix(vec3(0.0), volume_dims, greaterThan(d, vec3(0.0))) - x) / d;
         float end = max(min(min(wall.x, wall.y), wall.z), 0.0);
@@ -94,8 +117,15 @@ void main() {
         float y[16];
         sh_basis(directions[first_direction + k].world.xyz, y);
         for (int c = 0; c < int(BANDS * BANDS); c++) s[c] += v * y[c];
-        k++;
+        k += LANES;
     } while (k < direction_count);
+    if (LANES > 1u) {
+        uint l = gl_LocalInvocationID.x;
+        // Written out in the first index: s stays in registers.
+        SHARE(0)
+        SHARE(8)
+        return;
+    }
     for (uint c = 0u; c < BANDS * BANDS; c++) {
         uint at = c * capacity + point;
         seen[at] = begin == 0u ? seen[at] + s[c] : s[c];

@@ -3,7 +3,9 @@
 // through the volume: the nearer matter is exact, and each interpolation of T, which diffuses, spans NEAR slices.
 // One invocation is four neighbouring cells of a row, a component of a vec4 each; they share loads, and keep their 4 x 16
 // sums in registers over a batch of directions. CPU devices run every branch that one lane takes: tiles without matter
-// near have a pipeline of their own, without taps.
+// near have a pipeline of their own, without taps. On a separate card a slice is too few invocations to fill it, and what a
+// batch takes is waiting: there LANES invocations share the batch's directions and add up their sums at its end, and the taps
+// of the four cells are in flight together.
 // Counted per cell and direction: NEAR * (cell edge .. sqrt(3) cell edges)/step taps with 2 table loads each in tiles where
 // matter is near, none elsewhere; 2.5 loads of T, 2 of the direction, 1 store, 16 multiply-adds, 40 flops of harmonics.
 // Per cell, group of directions and pass: 8 image loads and stores.
@@ -13,14 +15,15 @@
 #include "constants.glsl"
 #include "sh.glsl"
 
-layout(local_size_x = 32) in;
+layout(local_size_x = 32, local_size_y_id = 6) in;
 
 layout(constant_id = 0) const uint BANDS = 4;
 layout(constant_id = 1) const uint NEAR = 1; // slices marched densely
 layout(constant_id = 2) const uint RING = 2; // slices that the ring holds
 layout(constant_id = 3) const uint AXIS = 2; // major axis of the group: slices stand across it
-layout(constant_id = 5) const uint CLIPS = 0; // clip planes
 layout(constant_id = 4) const bool DENSE = true; // false: no matter within NEAR slices and nothing to sum, T is only carried
+layout(constant_id = 5) const uint CLIPS = 0; // clip planes
+layout(constant_id = 6) const uint LANES = 1; // invocations that share the directions of a batch
 
 struct Direction {
     vec4 voxel; // xyz: direction in voxel space, of world length 1
@@ -73,8 +76,44 @@ float optical_depth(vec3 x, vec3 d, float b, float n, vec3 scale) {
     return sum * s;
 }
 
+// The same of four cells, `next` apart, side by side.
+vec4 optical_depths(vec3 x, vec3 next, vec3 d, vec4 b, float n, vec3 scale) {
+    vec2 k0 = clip_span(x, d, vec2(0.0, b.x));
+    vec2 k1 = clip_span(x + next, d, vec2(0.0, b.y));
+    vec2 k2 = clip_span(x + 2.0 * next, d, vec2(0.0, b.z));
+    vec2 k3 = clip_span(x + 3.0 * next, d, vec2(0.0, b.w));
+    vec4 from = vec4(k0.x, k1.x, k2.x, k3.x);
+    vec4 s = max(vec4(k0.y, k1.y, k2.y, k3.y) - from, vec4(0.0)) / n;
+    float i = 0.5;
+    vec4 sum = vec4(0.0);
+    do {
+        vec4 t = from + i * s;
+        sum.x += extinction(textureLod(volume, (x + d * t.x) * scale, 0.0).r);
+        sum.y += extinction(textureLod(volume, (x + next + d * t.y) * scale, 0.0).r);
+        sum.z += extinction(textureLod(volume, (x + 2.0 * next + d * t.z) * scale, 0.0).r);
+        sum.w += extinction(textureLod(volume, (x + 3.0 * next + d * t.w) * scale, 0.0).r);
+        i += 1.0;
+    } while (i < n);
+    return sum * s;
+}
+
 // Cells 0..3 of this invocation along the row.
 const vec4 FOUR = vec4(0.0, 1.0, 2.0, 3.0);
+
+// What the lanes have of four coefficients: cell after cell, lane after lane.
+shared vec4 lanes[4 * uint(MOST_LANES) * 32];
+
+// Four coefficients of cell `lane`, of all lanes together; the lanes beyond four have none.
+vec4 together(vec4 a, vec4 b, vec4 c, vec4 d) {
+    uint l = gl_LocalInvocationID.x;
+    uint lane = gl_LocalInvocationID.y;
+    barrier(); // those before have been read
+    for (uint j = 0u; j < 4u; j++) lanes[(j * LANES + lane) * 32u + l] = vec4(a[j], b[j], c[j], d[j]);
+    barrier();
+    vec4 sum = vec4(0.0);
+    if (lane < 4u) for (uint k = 0u; k < LANES; k++) sum += lanes[(lane * LANES + k) * 32u + l];
+    return sum;
+}
 
 // Values of T in columns base .. base + 4 of a row of the ring, the ends repeated.
 #define LOAD(i) transmittance[start + clamp(base + i, 0, last)]
@@ -93,7 +132,9 @@ void main() {
     uint l = gl_LocalInvocationID.x;
     uvec2 at = uvec2(tile % across * tile_row, tile / across * uint(TILE_COLUMN));
     at += uvec2(8u * (l >> 3 & 1u) + 4u * (l & 1u), 4u * (l >> 4) + (l >> 1 & 3u));
-    if (at.x >= width || at.y >= height) return;
+    bool outside = at.x >= width || at.y >= height;
+    // Lanes wait for each other.
+    if (LANES == 1u && outside) return;
 
     vec3 scale = 1.0 / volume_dims;
     uvec3 first;
@@ -120,8 +161,8 @@ void main() {
 
     vec4 s[16];
     for (int i = 0; i < 16; i++) s[i] = vec4(0.0);
-    uint k = 0u;
-    do {
+    uint k = LANES == 1u ? 0u : gl_LocalInvocationID.y;
+    if (LANES == 1u || !outside && k < direction_count) do {
         vec3 d = directions[first_direction + k].voxel.xyz;
         float ds = cell_size[AXIS] / abs(d[AXIS]); // world distance from slice to slice
         vec2 shift = vec2(d[row] / cell_size[row], d[column] / cell_size[column]) * ds;
@@ -134,10 +175,14 @@ void main() {
             float taps = max(ceil(float(NEAR) * ds / step_length - 1e-3), 1.0);
             vec4 b = min(vec4(float(NEAR) * ds), end);
             // Written out: an array indexed in a loop would live in memory.
-            if (dense.x) depth.x = optical_depth(x, d, b.x, taps, scale);
-            if (dense.y) depth.y = optical_depth(x + next, d, b.y, taps, scale);
-            if (dense.z) depth.z = optical_depth(x + 2.0 * next, d, b.z, taps, scale);
-            if (dense.w) depth.w = optical_depth(x + 3.0 * next, d, b.w, taps, scale);
+            if (LANES > 1u) {
+                if (any(dense)) depth = mix(vec4(0.0), optical_depths(x, next, d, b, taps, scale), dense);
+            } else {
+                if (dense.x) depth.x = optical_depth(x, d, b.x, taps, scale);
+                if (dense.y) depth.y = optical_depth(x + next, d, b.y, taps, scale);
+                if (dense.z) depth.z = optical_depth(x + 2.0 * next, d, b.z, taps, scale);
+                if (dense.w) depth.w = optical_depth(x + 3.0 * next, d, b.w, taps, scale);
+            }
         }
         // Four cells in a row interpolate among five values in each of two rows.
         vec2 moved = float(NEAR) * shift;
@@ -174,10 +219,33 @@ void main() {
             if (BANDS > 2) for (int i = 4; i < 9; i++) s[i] += v * y[i];
             if (BANDS > 3) for (int i = 9; i < 16; i++) s[i] += v * y[i];
         }
-        k++;
+        k += LANES;
     } while (k < direction_count);
 
     if (!DENSE) return;
+    if (LANES > 1u) {
+        uint j = gl_LocalInvocationID.y;
+        uint slot = j < 4u && !outside && stored[j & 3u] ? info[j & 3u] >> 4 : 0u;
+        ivec3 p = slot_place(max(slot, 1u) - 1u);
+        bool adds = slot > 0u && begin == 0u;
+        vec4 a = together(s[0], s[1], s[2], s[3]);
+        if (adds) a += imageLoad(sums0, p);
+        if (slot > 0u) imageStore(sums0, p, a);
+        if (BANDS > 2) {
+            a = together(s[4], s[5], s[6], s[7]);
+            if (adds) a += imageLoad(sums1, p);
+            if (slot > 0u) imageStore(sums1, p, a);
+            a = together(s[8], s[9], s[10], s[11]);
+            if (adds) a += imageLoad(sums2, p);
+            if (slot > 0u) imageStore(sums2, p, a);
+        }
+        if (BANDS > 3) {
+            a = together(s[12], s[13], s[14], s[15]);
+            if (adds) a += imageLoad(sums3, p);
+            if (slot > 0u) imageStore(sums3, p, a);
+        }
+        return;
+    }
     for (uint j = 0u; j < 4u; j++) {
         uint slot = info[j] >> 4;
         if (slot == 0u || !stored[j]) continue;

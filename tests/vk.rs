@@ -16,7 +16,7 @@ fn clean(device: &Device) {
 
 /// Both ways of copying: directly and through staging.
 fn both_ways() -> [Device; 2] {
-    [false, true].map(|always_stage| open(&Options { always_stage, ..Options::default() }))
+    [false, true].map(|as_card| open(&Options { as_card, ..Options::default() }))
 }
 
 #[test]

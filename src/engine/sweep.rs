@@ -182,6 +182,7 @@ impl<'a> Sweeper<'a> {
             sums: self.sums.each_ref(),
             bands: self.settings.bands,
             near,
+            lanes: [device.lanes(sweep::GROUP), device.lanes(fit::GROUP)],
         };
         let mut rec = device.record()?;
         // What read the sums of the pass before is done.
@@ -197,6 +198,8 @@ impl<'a> Sweeper<'a> {
         let work = |b: &Group, slices: u32| u64::from(slices) * u64::from(b.count) * sweep::slice_cells(dims, b.axis) as u64;
         let total: u64 = batches.iter().map(|b| work(b, dims[b.axis] as u32)).sum();
         let mut done = 0;
+        // What is only carried needs no dispatch of its own where dispatches cost more than branches.
+        let whole = job.lanes[0] > 1 && near <= u32::from(cells::MARGIN);
         let share = if self.fit.is_some() { SWEPT } else { 1.0 };
         for b in batches {
             let slices = dims[b.axis] as u32;
@@ -207,7 +210,7 @@ impl<'a> Sweeper<'a> {
                 let mut rec = device.record()?;
                 for order in order..order + count {
                     let index = if b.rising { slices - 1 - order } else { order };
-                    for (tiles, dense) in self.tiles.of(b.axis, index as usize) {
+                    for (tiles, dense) in self.tiles.of(b.axis, index as usize, whole) {
                         let slice = Slice {
                             axis: b.axis,
                             index,

@@ -138,9 +138,13 @@ impl Tiles {
         Self { list, runs }
     }
 
-    /// The tiles of a slice as (first, count) of the list, and whether they are worked on or only carried.
-    pub fn of(&self, axis: usize, slice: usize) -> impl Iterator<Item = ([u32; 2], bool)> {
-        let [first, worked, carried] = self.runs[axis][slice];
+    /// The tiles of a slice as (first, count) of the list, and whether they are worked on or only carried; `whole`: in one run,
+    /// worked on if any is.
+    pub fn of(&self, axis: usize, slice: usize, whole: bool) -> impl Iterator<Item = ([u32; 2], bool)> {
+        let [first, mut worked, mut carried] = self.runs[axis][slice];
+        if whole && worked > 0 {
+            (worked, carried) = (worked + carried, 0);
+        }
         [([first, worked], true), ([first + worked, carried], false)].into_iter().filter(|([_, count], _)| *count > 0)
     }
 }
@@ -218,7 +222,7 @@ mod tests {
             let [row, column] = super::super::sweep::plane(axis);
             for slice in 0..dims[axis] {
                 let mut seen = Vec::new();
-                for ([first, count], worked) in tiles.of(axis, slice) {
+                for ([first, count], worked) in tiles.of(axis, slice, false) {
                     for &t in &tiles.list[first as usize..(first + count) as usize] {
                         seen.push(t);
                         let width = dims[row].div_ceil(TILE_ROW);

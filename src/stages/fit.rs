@@ -58,6 +58,9 @@ pub fn record_points(
     )
 }
 
+/// Points of a work group of [`record_see`].
+pub const GROUP: u32 = 64;
+
 /// Boxes with points, and what the points have seen. A box is a cell's.
 pub struct Seen<'a> {
     /// vec4 per point, box after box.
@@ -98,7 +101,7 @@ pub fn record_see(
             order: seen.order,
             seen: seen.sums,
         },
-        &fit_see::Spec { bands: sweep.bands, near: sweep.near, axis: slice.axis as u32, clips: medium.clips },
+        &fit_see::Spec { bands: sweep.bands, near: sweep.near, axis: slice.axis as u32, clips: medium.clips, lanes: sweep.lanes[1] },
         &fit_see::Params {
             cell_size: size,
             step_length: step_length as f32,

@@ -142,7 +142,12 @@ pub struct Sweep<'a> {
     pub bands: u32,
     /// Slices marched densely before the swept value.
     pub near: u32,
+    /// Invocations that share a batch's directions, of the sweep and of the fit's points ([`crate::vk::Device::lanes`]).
+    pub lanes: [u32; 2],
 }
+
+/// Cells of a row that an invocation sweeps, times those of a work group that stand beside it: of a tile.
+pub const GROUP: u32 = (TILE_ROW * TILE_COLUMN / 4) as u32;
 
 /// One slice of one batch.
 #[derive(Clone, Copy, Debug)]
@@ -191,6 +196,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             axis: slice.axis as u32,
             dense: slice.dense,
             clips: medium.clips,
+            lanes: sweep.lanes[0],
         },
         &kernel::Params {
             cell_size: cell_size(medium.grid, sweep.field_dims),
@@ -207,7 +213,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, sweep: &Sweep, slice: Sli
             first_tile: slice.tiles[0],
         },
         // A workgroup takes a tile.
-        [slice.tiles[1] * (TILE_ROW * TILE_COLUMN / 4) as u32, 1, 1],
+        [slice.tiles[1] * GROUP, 1, 1],
     )
 }
 

@@ -92,7 +92,7 @@ impl BufferInner {
 impl BufferInner {
     /// As [`BufferInner::mapped`], unless copies are to be staged.
     pub(super) fn direct(&self, cached: bool) -> Option<NonNull<u8>> {
-        if self.raw.always_stage { None } else { self.mapped(cached) }
+        if self.raw.as_card { None } else { self.mapped(cached) }
     }
 }
 

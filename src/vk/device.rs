@@ -6,8 +6,9 @@ use super::raw::Raw;
 use super::slot::Slot;
 use super::staging::Staging;
 use super::timing::{Clock, Span};
-use super::{Buffer, DeviceInfo, Format, Image, ImageDesc, KernelInfo, Memory, Options, Recorder, cache, canary, failed, lock};
+use super::{Buffer, DeviceInfo, DeviceKind, Format, Image, ImageDesc, KernelInfo, Memory, Options, Recorder, cache, canary, failed, lock};
 use crate::error::{Error, Result};
+use crate::kernels::constants::MOST_LANES;
 use ash::vk;
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -114,6 +115,16 @@ impl Device {
     /// Iterations that one invocation may make, over all its loops: some drivers leave longer loops without a word.
     pub fn loop_limit(&self) -> u32 {
         self.0.loop_limit.get().copied().unwrap_or(u32::from(u16::MAX))
+    }
+
+    /// Invocations that share a loop in kernels whose invocations are too few for a card; `each` is how many there are along x
+    /// of a work group. One on a CPU, which has no idle lanes.
+    pub fn lanes(&self, each: u32) -> u32 {
+        let raw = &self.0.raw;
+        if raw.info.kind == DeviceKind::Cpu && !raw.as_card {
+            return 1;
+        }
+        (raw.limits.max_compute_work_group_invocations / each.max(1)).clamp(1, MOST_LANES as u32)
     }
 
     /// The queue family that all work is submitted to.

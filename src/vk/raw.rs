@@ -36,7 +36,7 @@ pub(super) struct Raw {
     /// Queue families that there are.
     pub families: u32,
     pub names: Option<ash::ext::debug_utils::Device>,
-    pub always_stage: bool,
+    pub as_card: bool,
     messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
     pub messages: Box<Messages>,
@@ -128,7 +128,7 @@ impl Raw {
         let messages: Box<Messages> = Box::default();
         let made = Self::on_instance(&entry, &instance, options, debug, &messages);
         match made {
-            Ok(parts) => Ok(Self::of_parts(Some(entry), instance, parts, true, options.always_stage, messages)),
+            Ok(parts) => Ok(Self::of_parts(Some(entry), instance, parts, true, options.as_card, messages)),
             Err(error) => {
                 // SAFETY: `on_instance` has undone what it made.
                 unsafe { instance.destroy_instance(None) };
@@ -195,7 +195,7 @@ impl Raw {
         instance: ash::Instance,
         parts: Parts,
         owned: bool,
-        always_stage: bool,
+        as_card: bool,
         messages: Box<Messages>,
     ) -> Self {
         Self {
@@ -212,7 +212,7 @@ impl Raw {
             features: parts.features,
             families: parts.families,
             names: parts.names,
-            always_stage,
+            as_card,
             messenger: parts.messenger,
             messages,
             allocator: Mutex::new(ManuallyDrop::new(parts.allocator)),

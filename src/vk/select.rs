@@ -20,8 +20,9 @@ pub struct Options {
     pub threads: Option<usize>,
     /// Folder of the pipeline cache. Nothing: `$XDG_CACHE_HOME/halflight` or `~/.cache/halflight`. Empty: no cache.
     pub pipeline_cache: Option<PathBuf>,
-    /// Copy through staging also where the host sees the device's memory: the way of separate cards, tried on one that is not.
-    pub always_stage: bool,
+    /// Work as on a separate card where the device is none: copy through staging although the host sees the device's memory, and
+    /// spread over many invocations what a CPU does in few. For tests.
+    pub as_card: bool,
 }
 
 /// Kind of a device, the preferred first.

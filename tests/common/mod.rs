@@ -28,7 +28,19 @@ impl Drop for Checked {
 }
 
 pub fn engine() -> Checked {
-    Checked(Engine::new(&Options { validation: true, ..Options::default() }).expect("a Vulkan device (on Debian: mesa-vulkan-drivers)"))
+    on(false)
+}
+
+/// The same, and one that works as on a separate card.
+pub fn both_ways() -> [Checked; 2] {
+    [false, true].map(on)
+}
+
+fn on(as_card: bool) -> Checked {
+    Checked(
+        Engine::new(&Options { validation: true, as_card, ..Options::default() })
+            .expect("a Vulkan device (on Debian: mesa-vulkan-drivers)"),
+    )
 }
 
 pub fn quiet(_: &'static str, _: f32) -> ControlFlow<()> {
