@@ -39,22 +39,74 @@ pub(crate) fn folder_of(path: &Path) -> &Path {
 pub fn write_aside(path: &Path, write: impl FnOnce(&mut BufWriter<Bounded>) -> Result<()>) -> Result<()> {
     let fail = |action| move |source| Error::Io { path: path.to_owned(), action, source };
     let target = write_target(path)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".halflight-");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let file = builder.tempfile_in(folder_of(&target)).map_err(fail("create"))?;
-    let mut out = BufWriter::with_capacity(1 << 20, Bounded { file: file.as_file(), at: 0, most: size_limit() });
+    let aside = Aside::new(folder_of(&target)).map_err(fail("create"))?;
+    let mut out = BufWriter::with_capacity(1 << 20, Bounded { file: aside.file(), at: 0, most: size_limit() });
     write(&mut out)?;
     out.flush().map_err(fail("write"))?;
     drop(out);
     if let Some(old) = old_permissions(&target) {
-        file.as_file().set_permissions(old).map_err(fail("write"))?;
+        aside.file().set_permissions(old).map_err(fail("write"))?;
     }
-    file.as_file().sync_data().map_err(fail("write"))?;
-    file.persist(&target).map_err(|e| Error::Io { path: path.to_owned(), action: "write", source: e.error })?;
-    Ok(())
+    aside.file().sync_data().map_err(fail("write"))?;
+    aside.rename(&target).map_err(fail("write"))
 }
+
+/// A file on its way.
+enum Aside {
+    /// Without a name, where the file system knows such files: a process that is killed leaves nothing.
+    #[cfg(target_os = "linux")]
+    Unnamed(File),
+    Named(tempfile::NamedTempFile),
+}
+
+impl Aside {
+    fn new(folder: &Path) -> std::io::Result<Self> {
+        #[cfg(target_os = "linux")]
+        if Path::new(OPEN).exists() {
+            use rustix::fs::{Mode, OFlags, open};
+            if let Ok(file) = open(folder, OFlags::WRONLY | OFlags::TMPFILE | OFlags::CLOEXEC, Mode::from(0o666)) {
+                return Ok(Self::Unnamed(file.into()));
+            }
+        }
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX);
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        builder.tempfile_in(folder).map(Self::Named)
+    }
+
+    fn file(&self) -> &File {
+        match self {
+            #[cfg(target_os = "linux")]
+            Self::Unnamed(file) => file,
+            Self::Named(file) => file.as_file(),
+        }
+    }
+
+    fn rename(self, target: &Path) -> std::io::Result<()> {
+        match self {
+            #[cfg(target_os = "linux")]
+            Self::Unnamed(file) => {
+                use rustix::fs::{AtFlags, CWD, linkat};
+                use std::os::fd::AsRawFd;
+                // A link cannot take another file's place, but a rename can.
+                let from = format!("{OPEN}/{}", file.as_raw_fd());
+                let link = |to: &Path| Ok(linkat(CWD, &from, CWD, to, AtFlags::SYMLINK_FOLLOW)?);
+                let linked = tempfile::Builder::new().prefix(PREFIX).make_in(folder_of(target), link)?;
+                linked.persist(target).map_err(|e| e.error)?;
+            }
+            Self::Named(file) => drop(file.persist(target).map_err(|e| e.error)?),
+        }
+        Ok(())
+    }
+}
+
+/// Where Linux names open files.
+#[cfg(target_os = "linux")]
+const OPEN: &str = "/proc/self/fd";
+
+/// What the names of files aside begin with.
+const PREFIX: &str = ".halflight-";
 
 #[cfg(unix)]
 fn old_permissions(target: &Path) -> Option<Permissions> {
@@ -138,6 +190,31 @@ mod tests {
         symlink("round", at("round")).unwrap();
         assert!(put(&at("round"), b"").unwrap_err().to_string().contains("leads to itself"));
         assert_eq!(std::fs::read_dir(at("d")).unwrap().count(), 2, "nothing is left aside");
+    }
+
+    /// Both ways of writing aside, whatever this machine's file system offers.
+    #[test]
+    fn nothing_stands_half_written_whichever_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = || std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
+        let target = folder.path().join("out");
+        std::fs::write(&target, b"old").unwrap();
+        let named = Aside::Named(tempfile::Builder::new().prefix(PREFIX).tempfile_in(folder.path()).unwrap());
+        for aside in [named, Aside::new(folder.path()).unwrap()] {
+            let unnamed = !matches!(aside, Aside::Named(_));
+            assert_eq!(names().len(), if unnamed { 1 } else { 2 });
+            aside.file().write_all(b"new").unwrap();
+            assert_eq!(std::fs::read(&target).unwrap(), b"old");
+            aside.rename(&target).unwrap();
+            assert_eq!((std::fs::read(&target).unwrap(), names().len()), (b"new".to_vec(), 1));
+            std::fs::write(&target, b"old").unwrap();
+        }
+        // What fails on its way leaves the old.
+        let failed = write_aside(&target, |out| {
+            out.write_all(b"half").unwrap();
+            Err(Error::Cancelled)
+        });
+        assert!(failed.is_err() && names().len() == 1 && std::fs::read(&target).unwrap() == b"old");
     }
 
     #[test]

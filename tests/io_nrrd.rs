@@ -7,6 +7,7 @@ use halflight::io::{RawLayout, ReadOptions, SampleType, read_volume};
 use halflight::scene::Volume;
 use io_common::{DIMS, Folder, bytes, gzip, says, values};
 use std::cell::RefCell;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 fn read(path: &Path) -> Result<Volume> {
@@ -330,10 +331,17 @@ fn limit_and_progress() {
     says(read_volume(&path, &ReadOptions { max_bytes: 239, ..Default::default() }), &["need 240 B of memory", "the limit is 239 B"]);
     assert!(read_volume(&path, &ReadOptions { max_bytes: 240, ..Default::default() }).is_ok(), "float64 is held as float32");
     let seen = RefCell::new(Vec::new());
-    let progress = |f| seen.borrow_mut().push(f);
+    let progress = |f| {
+        seen.borrow_mut().push(f);
+        if seen.borrow().len() < 6 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    };
     let big = dir.file("b.nrrd", &[b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 256 256 64\nencoding: raw\n\n", &vec![7; 256 * 256 * 64]]);
-    read_volume(&big, &ReadOptions { progress: Some(&progress), ..Default::default() }).unwrap();
+    let watched = || read_volume(&big, &ReadOptions { progress: Some(&progress), ..Default::default() });
+    assert!(watched().is_ok());
     assert_eq!(*seen.borrow(), [0.25, 0.5, 0.75, 1.0]);
+    // Asked to stop half-way through a second time.
+    assert!(matches!(watched(), Err(halflight::Error::Cancelled)));
+    assert_eq!(seen.borrow()[4..], [0.25, 0.5]);
 }
 
 #[test]

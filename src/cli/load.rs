@@ -6,6 +6,7 @@ use halflight::error::Error;
 use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions, VolumeInfo};
 use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSource, ramp};
 use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 /// The stage in which the volume is read.
@@ -38,17 +39,30 @@ pub fn is_scene(path: &Path) -> bool {
 
 /// The scene's volume.
 pub fn volume(scene: &Scene, bar: &Progress) -> Result<Volume, Failure> {
-    read(scene, bar, |options| io::read_volume(&scene.volume.file, options))
+    read(scene, bar, &|| true, |options| io::read_volume(&scene.volume.file, options))
+}
+
+/// The same without a bar, as long as `going`.
+pub fn volume_while(scene: &Scene, going: &dyn Fn() -> bool) -> Result<Volume, Failure> {
+    read(scene, &Progress::silent(), going, |options| io::read_volume(&scene.volume.file, options))
 }
 
 /// What the scene's volume is, also where its samples are not all finite.
 pub fn volume_info(scene: &Scene) -> Result<VolumeInfo, Failure> {
-    read(scene, &Progress::new(&[READ]), |options| io::describe_file(&scene.volume.file, options))
+    read(scene, &Progress::new(&[READ]), &|| true, |options| io::describe_file(&scene.volume.file, options))
 }
 
-fn read<T>(scene: &Scene, bar: &Progress, with: impl FnOnce(&ReadOptions) -> Result<T, Error>) -> Result<T, Failure> {
+fn read<T>(
+    scene: &Scene,
+    bar: &Progress,
+    going: &dyn Fn() -> bool,
+    with: impl FnOnce(&ReadOptions) -> Result<T, Error>,
+) -> Result<T, Failure> {
     bar.enter(READ);
-    let show = |fraction: f64| bar.show(fraction);
+    let show = |fraction: f64| {
+        bar.show(fraction);
+        if going() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    };
     let raw = scene.volume.raw.as_ref().map(layout).transpose()?;
     let v = &scene.volume;
     let options = ReadOptions {

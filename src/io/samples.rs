@@ -183,7 +183,7 @@ fn read_binary(
         }
         reserve(path, out, count, length)?;
         decode(&buffer[..count * each], layout, out, odd);
-        options.report(out.len() as f64 / length as f64);
+        options.report(out.len() as f64 / length as f64)?;
     }
     Ok(())
 }
@@ -262,7 +262,7 @@ fn read_text(
                 token.clear();
             }
         }
-        options.report(out.len() as f64 / length as f64);
+        options.report(out.len() as f64 / length as f64)?;
     }
     if out.len() < length {
         return Err(bad(path, format!("the text holds {} of {length} samples", out.len()), "the file is cut short or its header is wrong"));

@@ -9,6 +9,7 @@ use flate2::bufread::GzDecoder;
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufReader, Seek};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 /// What a headerless file holds.
@@ -47,8 +48,8 @@ pub struct ReadOptions<'a> {
     /// Counts NaN and infinite samples where they would be an error; the smallest finite sample stands for them (0 where
     /// there is none).
     pub count_not_finite: Option<&'a Cell<u64>>,
-    /// Called with the fraction read, ascending to 1.
-    pub progress: Option<&'a dyn Fn(f64)>,
+    /// Called with the fraction read, ascending to 1; where it breaks off, reading ends with [`Error::Cancelled`].
+    pub progress: Option<&'a dyn Fn(f64) -> ControlFlow<()>>,
 }
 
 impl Default for ReadOptions<'_> {
@@ -68,9 +69,10 @@ impl Default for ReadOptions<'_> {
 }
 
 impl ReadOptions<'_> {
-    pub(super) fn report(&self, fraction: f64) {
-        if let Some(progress) = self.progress {
-            progress(fraction);
+    pub(super) fn report(&self, fraction: f64) -> Result<()> {
+        match self.progress.map(|progress| progress(fraction)) {
+            Some(ControlFlow::Break(())) => Err(Error::Cancelled),
+            _ => Ok(()),
         }
     }
 }
@@ -93,7 +95,7 @@ impl ReadOptions<'_> {
 ///
 /// # Errors
 /// [`Error::Io`] from the system, [`Error::Format`] for a damaged, unsupported, too large or non-finite file, and
-/// [`Error::Invalid`] for a `nan_as` that is not finite.
+/// [`Error::Invalid`] for a `nan_as` that is not finite; [`Error::Cancelled`].
 pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
     if let Some(v) = options.nan_as
         && !v.is_finite()

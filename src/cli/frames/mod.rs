@@ -165,7 +165,7 @@ impl Run<'_> {
             (f, own)
         };
         let output = Output::check(path, PICTURES).map_err(|f| (f, false))?;
-        let volume = self.session.volume_hash(scene, paid).map_err(own)?;
+        let volume = self.session.volume_hash(scene, going, paid).map_err(own)?;
         let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(own)?;
         let animation = self.asked.scene.animation.as_ref();
         let mut meta = vec![

@@ -6,7 +6,6 @@ use crate::cli::fail::Failure;
 use crate::cli::fingerprint;
 use crate::cli::layers::{Layers, Written};
 use crate::cli::load;
-use crate::cli::progress::Progress;
 use crate::cli::{Context, field_file};
 use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium, surface_layers};
 use halflight::scene::scene::{LightSource, TransferSource, VolumeSettings};
@@ -140,18 +139,18 @@ impl<'a> Session<'a> {
     }
 
     /// What the scene's volume holds; it is read if this is not known.
-    pub fn volume_hash(&mut self, scene: &Scene, paid: &mut Paid) -> Result<String, Failure> {
+    pub fn volume_hash(&mut self, scene: &Scene, going: Going, paid: &mut Paid) -> Result<String, Failure> {
         match self.hashes.get(&scene.volume.file) {
             Some(hash) => Ok(hash.clone()),
-            None => Ok(self.volume(scene, paid)?.1),
+            None => Ok(self.volume(scene, going, paid)?.1),
         }
     }
 
     /// The scene's volume and its hash, read if it is another than the one before.
-    fn volume(&mut self, scene: &Scene, paid: &mut Paid) -> Result<(Rc<Volume>, String), Failure> {
+    fn volume(&mut self, scene: &Scene, going: Going, paid: &mut Paid) -> Result<(Rc<Volume>, String), Failure> {
         if self.read.as_ref().is_none_or(|r| r.settings != scene.volume) {
             (self.lit, self.computed, self.classified, self.on_device, self.read) = (None, None, None, None, None);
-            let volume = paid.time(READ, || load::volume(scene, &Progress::silent()))?;
+            let volume = paid.time(READ, || load::volume_while(scene, going))?;
             let hash = paid.time(READ, || fingerprint::volume(&volume));
             self.hashes.insert(scene.volume.file.clone(), hash.clone());
             self.read = Some(Read { settings: scene.volume.clone(), volume: Rc::new(volume), hash });
@@ -183,7 +182,7 @@ impl<'a> Session<'a> {
             (self.lit, self.computed, self.classified, self.on_device, self.read, self.probe) = (None, None, None, None, None, None);
         }
         let light = self.light(scene, paid)?;
-        let (volume, volume_hash) = self.volume(scene, paid)?;
+        let (volume, volume_hash) = self.volume(scene, going, paid)?;
         let blame = |e| Failure::from(scene.origins.blame(e));
         if self.engine.is_none() {
             self.engine = Some(paid.time(UPLOAD, || self.context.engine())?);

@@ -204,7 +204,13 @@ impl Visit for Dense<'_> {
 }
 
 /// Fills the box of `extent` (x fastest) with the values of the tree whose topology begins here; `out` has the background.
-pub(super) fn fill(stream: &mut Stream, coding: &mut Coding, extent: &Extent, out: &mut [f32], report: &dyn Fn(f64)) -> Result<()> {
+pub(super) fn fill(
+    stream: &mut Stream,
+    coding: &mut Coding,
+    extent: &Extent,
+    out: &mut [f32],
+    report: &dyn Fn(f64) -> Result<()>,
+) -> Result<()> {
     let Some(dims) = extent.dims() else { return Ok(()) };
     let mut dense = Dense { lo: extent.lo, dims, out, leaves: Vec::new(), expected: extent.leaves };
     walk(stream, coding, &mut dense)?;
@@ -221,9 +227,8 @@ pub(super) fn fill(stream: &mut Stream, coding: &mut Coding, extent: &Extent, ou
             }
         });
         if i % 1024 == 0 {
-            report(i as f64 / leaves.len() as f64);
+            report(i as f64 / leaves.len() as f64)?;
         }
     }
-    report(1.0);
-    Ok(())
+    report(1.0)
 }
