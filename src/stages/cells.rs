@@ -181,7 +181,8 @@ pub fn distances(dims: [usize; 3], matter: &[bool]) -> Vec<u8> {
             // Along the row: steps of 1, 2, 4 and 8 make up to 15.
             for step in [1, 2, 4, 8].into_iter().filter(|&step| step < nx) {
                 shifted.copy_from_slice(row);
-                let (to, from) = if forward { (&mut row[step..], &shifted[..nx - step]) } else { (&mut row[..nx - step], &shifted[step..]) };
+                let (to, from) =
+                    if forward { (&mut row[step..], &shifted[..nx - step]) } else { (&mut row[..nx - step], &shifted[step..]) };
                 least(to, from, step as u8);
             }
         }
