@@ -151,10 +151,6 @@ impl Engine {
         let capacity = cells.len().min(tile.min(self::tile(grid, settings)).max(1));
         let cell_buffer = self.device.buffer::<u32>("cells", capacity)?;
         let sums = self.device.buffer::<f32>("sums", 16 * capacity)?;
-        let mut rec = self.device.record()?;
-        // Fresh sums: the first dispatch writes without reading, the later ones add.
-        rec.barrier(&[sums.all().from(Access::None).to(Access::ComputeReadWrite)]);
-        rec.submit()?;
         let mut pacer = Pacer::new(1, most.min(u64::from(n)) as u32);
         let tiles = cells.len().div_ceil(capacity);
         for (index, tile) in cells.chunks(capacity).enumerate() {
@@ -177,6 +173,10 @@ impl Engine {
                 run.direction_count = pacer.size.min(n - run.first_direction);
                 let start = Instant::now();
                 let mut rec = self.device.record()?;
+                if run.first_direction == 0 {
+                    // Fresh sums, or those of a tile that is finished: the first dispatch writes without reading, later ones add.
+                    rec.barrier(&[sums.all().from(sums.last_access()).to(Access::ComputeReadWrite)]);
+                }
                 match estimator {
                     Estimator::March => march::record(&mut rec, &medium.view(), &run, step_length)?,
                     Estimator::Hierarchical(pyramid) => hierarchical::record(&mut rec, pyramid, &run, settings.growth)?,
@@ -186,22 +186,19 @@ impl Engine {
                         sweep::record_gather(&mut rec, &run, &swept.cell_map, swept.result(), correction.as_ref())?;
                     }
                 }
-                // The next run of directions adds to the same sums.
-                rec.barrier(&[sums.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                // The next run of directions adds to the same sums; after the last, whoever finishes the tile reads them.
+                let last = run.first_direction + run.direction_count == n;
+                rec.barrier(&[sums.all().from(Access::ComputeReadWrite).to(if last {
+                    Access::ComputeRead
+                } else {
+                    Access::ComputeReadWrite
+                })]);
                 rec.submit()?;
                 pacer.took(run.direction_count, start.elapsed().as_secs_f64());
                 run.first_direction += run.direction_count;
                 tell((index as f64 + f64::from(run.first_direction) / f64::from(n)) / tiles as f64)?;
             }
-            let mut rec = self.device.record()?;
-            // Whoever finishes the tile reads the sums.
-            rec.barrier(&[sums.all().from(Access::ComputeReadWrite).to(Access::ComputeRead)]);
-            rec.submit()?;
             finish(&run)?;
-            let mut rec = self.device.record()?;
-            // The next tile writes over them.
-            rec.barrier(&[sums.all().from(Access::ComputeRead).to(Access::ComputeReadWrite)]);
-            rec.submit()?;
         }
         Ok(())
     }

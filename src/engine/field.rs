@@ -99,8 +99,7 @@ impl Engine {
         let grid = medium.grid();
         let field = self.fresh(grid, settings, layout)?;
         let mut store = |run: &Run| self.store(&field, run, 4.0 * PI / run.pattern_size as f32);
-        let zeros = |_: &[u32], _: usize, _: &mut [f32]| {};
-        self.put(grid, settings, &layout.bricks.spare(map), work.tile, &zeros, &mut store)?;
+        self.put(grid, settings, &layout.bricks.spare(map), work.tile, None, &mut store)?;
         self.estimate_tiles(medium, settings, work, estimator, tell, &mut store)?;
         self.finished(field)
     }
@@ -127,7 +126,6 @@ impl Engine {
         let layout = self.layout(dims, settings, &map)?;
         let field = self.fresh(grid, settings, &layout)?;
         let mut store = |run: &Run| self.store(&field, run, 1.0);
-        let zeros = |_: &[u32], _: usize, _: &mut [f32]| {};
         let values = |tile: &[u32], capacity: usize, sums: &mut [f32]| {
             for (i, &cell) in tile.iter().enumerate() {
                 for (c, v) in coefficients[cell as usize * kept..][..kept].iter().enumerate() {
@@ -135,8 +133,8 @@ impl Engine {
                 }
             }
         };
-        self.put(grid, settings, &layout.bricks.spare(&map), tile, &zeros, &mut store)?;
-        self.put(grid, settings, &map.cells(), tile, &values, &mut store)?;
+        self.put(grid, settings, &layout.bricks.spare(&map), tile, None, &mut store)?;
+        self.put(grid, settings, &map.cells(), tile, Some(&values), &mut store)?;
         self.finished(field)
     }
 
@@ -184,14 +182,14 @@ impl Engine {
         rec.submit()
     }
 
-    /// Hands tiles of cells with the sums that `fill` gives to `store`.
+    /// Hands tiles of cells with the sums that `fill` gives, or with zeros, to `store`.
     fn put(
         &self,
         grid: &Grid,
         settings: &Visibility,
         cells: &[u32],
         tile: usize,
-        fill: &Fill,
+        fill: Option<&Fill>,
         store: &mut dyn FnMut(&Run) -> Result<()>,
     ) -> Result<()> {
         if cells.is_empty() {
@@ -200,11 +198,20 @@ impl Engine {
         let capacity = cells.len().min(tile.max(1));
         let cell_buffer = self.device.buffer::<u32>("cells", capacity)?;
         let sums = self.device.buffer::<f32>("sums", 16 * capacity)?;
-        let mut values = vec![0f32; 16 * capacity];
+        if fill.is_none() {
+            let mut rec = self.device.record()?;
+            rec.fill(&sums, 0)?;
+            // All tiles read the same zeros.
+            rec.barrier(&[sums.all().from(Access::TransferWrite).to(Access::ComputeRead)]);
+            rec.submit()?;
+        }
+        let mut values = vec![0f32; if fill.is_some() { 16 * capacity } else { 0 }];
         for tile in cells.chunks(capacity) {
-            fill(tile, capacity, &mut values);
             self.device.write(&cell_buffer, tile)?;
-            self.device.write(&sums, &values)?;
+            if let Some(fill) = fill {
+                fill(tile, capacity, &mut values);
+                self.device.write(&sums, &values)?;
+            }
             store(&Run {
                 grid,
                 field_dims: grid.field_dims(settings.ratio as usize),
@@ -232,17 +239,15 @@ impl Engine {
         let s = field.settings();
         let kept = s.coefficients();
         let cells: usize = field.dims().iter().product();
+        let (form, groups) = ((s.bands, s.bits, s.fit > 0), pack::groups(s.bands));
+        let texel = pack::formats(s.bands, s.bits).0.bytes() as usize;
+        let images = &field.packed().images[..groups];
+        let images: Vec<Vec<u8>> = images.iter().map(|image| self.device.read_image(image, 0)).collect::<Result<_>>()?;
         let mut out = vec![0f32; kept * cells];
-        for g in 0..pack::groups(s.bands) {
-            let bytes = self.device.read_image(field.packed().images[g], 0)?;
-            let texels = pack::unpack_image(&bytes, s.bands, s.bits);
-            for (cell, out) in out.chunks_exact_mut(kept).enumerate() {
-                let Some(codes) = field.bricks().texel(cell).and_then(|t| texels.get(t)) else { continue };
-                let mut all = [0u32; 16];
-                all[4 * g..4 * g + 4].copy_from_slice(codes);
-                let v = pack::decode(&all, s.bits, s.fit > 0);
-                let group = 4 * g..(4 * g + 4).min(kept);
-                out[group.clone()].copy_from_slice(&v[group]);
+        for (cell, first, count) in field.bricks().runs() {
+            let out = &mut out[kept * cell..kept * (cell + count)];
+            for (g, bytes) in images.iter().enumerate() {
+                pack::unpack(&bytes[texel * first..texel * (first + count)], g, form, out);
             }
         }
         Ok(out)

@@ -1,6 +1,6 @@
 //! Pictures: direct volume rendering and isosurfaces, strip by strip, in dispatches of bounded time.
 
-use super::{Engine, Lit, Medium, Pacer, Progress};
+use super::{DISPATCH_SECONDS, Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, Grid, ImageSettings, Picture, Surface};
 use crate::stages::occupancy::Leap;
@@ -9,6 +9,7 @@ use crate::stages::resolve::Form;
 use crate::stages::{isosurface, raymarch, resolve};
 use crate::vk::{Access, Buffer};
 use std::ops::ControlFlow;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Pixels that are rendered together; bounds the memory of their state to 16 MiB.
@@ -19,6 +20,13 @@ const ROW_SAMPLES: u32 = 1 << 22;
 
 /// Samples of a dispatch, at most (but one row).
 pub(super) const MOST_SAMPLES: u64 = 1 << 26;
+
+/// Samples of a dispatch that a picture before has shown to be fast, at most (but one row).
+const MOST_KNOWN_SAMPLES: u64 = 1 << 30;
+
+/// Samples a second, as [`MOST_SAMPLES`] counts them, of the slowest strip of the last picture: of media, and of surfaces. 0 where
+/// there was none.
+pub(super) type Pace = Mutex<[f64; 2]>;
 
 /// A picture about to be rendered: what was checked and made for it.
 pub(super) struct Shot<'a> {
@@ -82,7 +90,7 @@ impl Engine {
         self.strips(&shot, progress, &mut |strip| {
             let first = strip.first_row as usize * image.width;
             let count = strip.rows as usize * image.width;
-            picture.rgba[first..first + count].copy_from_slice(&self.device.read::<[f32; 4]>(strip.pixels, count)?);
+            self.device.read_into(strip.pixels, &mut picture.rgba[first..first + count])?;
             if let Some(depth) = strip.depth {
                 distances.extend(self.device.read::<f32>(depth, count)?);
             }
@@ -148,28 +156,32 @@ impl Engine {
         };
         let encoding = medium.volume.0.encoding;
         let settings = lit.field().settings();
-        let mut rec = self.device.record()?;
-        // Fresh buffers: the first dispatch of a strip writes without reading.
-        rec.barrier(&[state.all().from(Access::None).to(Access::ComputeReadWrite)]);
-        if let Some((_, _, depth)) = surface {
-            rec.barrier(&[depth.all().from(Access::None).to(Access::ComputeWrite)]);
-        }
-        rec.submit()?;
 
-        // Nothing is known yet of how long a row takes: fewer to begin with where rays are long.
-        let first = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
+        // The last picture's pace, with room for a camera that sees more.
+        let pace = || self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+        let kind = usize::from(surface.is_some());
+        let known = ((0.25 * DISPATCH_SECONDS * pace()[kind]) as u64).min(MOST_KNOWN_SAMPLES);
+        let row_samples = u64::from(width) * steps.min(u64::from(segment));
+        // Where nothing is known of how long a row takes: fewer to begin with where rays are long.
+        let first = (u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1)).clamp(1, 8).max(known / row_samples);
         // Rows that miss the volume take no time: those behind them must not come all at once.
-        let most = (MOST_SAMPLES / (u64::from(width) * steps.min(u64::from(segment)))).clamp(1, u64::from(shot.most));
-        let mut pacer = Pacer::new(first.clamp(1, 8) as u32, most as u32);
+        let most = (MOST_SAMPLES.max(known) / row_samples).clamp(1, u64::from(shot.most));
+        let mut pacer = Pacer::new(first.min(most) as u32, most as u32);
+        let mut slowest = f64::INFINITY;
         let mut row = 0;
         tell(0.0)?;
         while row < height {
             let rows = pacer.size.min(height - row);
             let start = Instant::now();
+            let mut rec = self.device.record()?;
+            // Fresh buffers, or the strip before has been taken from them: the first dispatch writes without reading.
+            rec.barrier(&[state.all().from(state.last_access()).to(Access::ComputeReadWrite)]);
+            if let Some((_, _, depth)) = surface {
+                rec.barrier(&[depth.all().from(depth.last_access()).to(Access::ComputeWrite)]);
+            }
             for first_step in (0..steps).step_by(segment as usize) {
                 let part =
                     Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length: *step_length };
-                let mut rec = self.device.record()?;
                 match surface {
                     None => raymarch::record(&mut rec, &medium.view(), lit.irradiance(), view, part, *leap, state)?,
                     Some((surface, shade, depth)) => {
@@ -189,16 +201,15 @@ impl Engine {
                         rec.barrier(&[depth.all().from(Access::ComputeWrite).to(Access::ComputeWrite)]);
                     }
                 }
-                // The next part of the rays continues from this state.
-                rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
-                rec.submit()?;
                 let done = first_step + u64::from(segment);
                 if done < steps {
+                    // The next part of the rays continues from this state.
+                    rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)]);
+                    rec.submit_part()?;
                     // A row may take many dispatches; each is a place to stop.
                     tell((f64::from(row) + f64::from(rows) * done as f64 / steps as f64) / f64::from(height))?;
                 }
             }
-            let mut rec = self.device.record()?;
             // The rays have ended.
             rec.barrier(&[state.all().from(Access::ComputeReadWrite).to(Access::ComputeRead)]);
             if row > 0 {
@@ -206,21 +217,16 @@ impl Engine {
                 rec.barrier(&[pixels.all().from(pixels.last_access()).to(Access::ComputeWrite)]);
             }
             resolve::record(&mut rec, *form, state, pixels, rows * width)?;
-            // The next strip writes over the state.
-            rec.barrier(&[state.all().from(Access::ComputeRead).to(Access::ComputeReadWrite)]);
             rec.submit()?;
-            pacer.took(rows, start.elapsed().as_secs_f64());
+            let seconds = start.elapsed().as_secs_f64();
+            pacer.took(rows, seconds);
+            slowest = slowest.min((u64::from(rows) * steps * u64::from(width)) as f64 / seconds.max(1e-6));
             let depth = surface.as_ref().map(|(_, _, depth)| depth);
             each(Strip { first_row: row, rows, pixels, depth })?;
-            if let Some(depth) = depth.filter(|d| d.last_access() != Access::ComputeWrite) {
-                let mut rec = self.device.record()?;
-                // The next strip writes over what the host has read.
-                rec.barrier(&[depth.all().from(depth.last_access()).to(Access::ComputeWrite)]);
-                rec.submit()?;
-            }
             row += rows;
             tell(f64::from(row) / f64::from(height))?;
         }
+        pace()[kind] = slowest;
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 use super::NrrdField;
 use crate::scene::transfer::Table;
 use crate::scene::{Grid, Matter, Samples, Volume};
+use std::borrow::Cow;
 
 /// What a field is of.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -62,9 +63,9 @@ pub fn of_volume(volume: &Volume) -> String {
     hasher.update(&slope.to_le_bytes()).update(&intercept.to_le_bytes()).update(volume.samples().type_name().as_bytes());
     match volume.samples() {
         Samples::U8(s) => drop(hasher.update(s)),
-        Samples::U16(s) => numbers(&mut hasher, s, |v| v.to_le_bytes()),
-        Samples::I16(s) => numbers(&mut hasher, s, |v| v.to_le_bytes()),
-        Samples::F32(s) => numbers(&mut hasher, s, |v| v.to_le_bytes()),
+        Samples::U16(s) => numbers(&mut hasher, s),
+        Samples::I16(s) => numbers(&mut hasher, s),
+        Samples::F32(s) => numbers(&mut hasher, s),
     }
     hex(&hasher)
 }
@@ -77,27 +78,37 @@ pub fn of_matter(matter: &Matter, clip: &[[f32; 4]], range: [f32; 2], grid: &Gri
         None => {
             let Table { lo, hi, sigma, .. } = matter.transfer.table(range, grid);
             hasher.update(b"medium").update(&lo.to_le_bytes()).update(&hi.to_le_bytes());
-            numbers(&mut hasher, &sigma, f32::to_le_bytes);
+            numbers(&mut hasher, &sigma);
         }
     }
-    numbers(&mut hasher, clip.as_flattened(), f32::to_le_bytes);
+    numbers(&mut hasher, clip.as_flattened());
     hex(&hasher)
 }
 
 /// The numbers of a field.
 pub fn of_coefficients(data: &[f32]) -> String {
     let mut hasher = blake3::Hasher::new();
-    numbers(&mut hasher, data, f32::to_le_bytes);
+    numbers(&mut hasher, data);
     hex(&hasher)
 }
 
-fn numbers<T: Copy, const N: usize>(hasher: &mut blake3::Hasher, values: &[T], bytes: impl Fn(T) -> [u8; N]) {
-    let mut buffer = Vec::with_capacity(N << 16);
-    for part in values.chunks(1 << 16) {
-        buffer.clear();
-        buffer.extend(part.iter().flat_map(|v| bytes(*v)));
-        hasher.update(&buffer);
+fn numbers<T: bytemuck::Pod>(hasher: &mut blake3::Hasher, values: &[T]) {
+    for bytes in little_endian(values) {
+        hasher.update(&bytes);
     }
+}
+
+/// Numbers as little-endian bytes, a part at a time.
+pub(super) fn little_endian<T: bytemuck::Pod>(values: &[T]) -> impl Iterator<Item = Cow<'_, [u8]>> {
+    values.chunks(1 << 16).map(|part| {
+        let bytes: &[u8] = bytemuck::cast_slice(part);
+        if cfg!(target_endian = "little") {
+            return Cow::Borrowed(bytes);
+        }
+        let mut bytes = bytes.to_vec();
+        bytes.chunks_exact_mut(size_of::<T>()).for_each(<[u8]>::reverse);
+        Cow::Owned(bytes)
+    })
 }
 
 /// 32 digits: 128 bits tell any two contents apart.

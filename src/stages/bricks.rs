@@ -138,10 +138,23 @@ impl Bricks {
         (word & HELD > 0).then(|| p[0] + size[0] as usize * (p[1] + size[1] as usize * p[2]))
     }
 
+    /// The cells of held bricks, in runs along x, ascending: linear index of a run's first cell, index of its texel, cells.
+    pub fn runs(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+        let [nx, ny, nz] = self.dims;
+        let n = directory_dims(self.dims);
+        let rows = (0..ny * nz).map(move |row| (nx * row, n[0] * (row % ny / BRICK + n[1] * (row / ny / BRICK))));
+        rows.flat_map(move |(first, word)| {
+            let held = self.directory[word..word + n[0]].iter().enumerate().filter(|(_, w)| **w & HELD > 0);
+            held.filter_map(move |(i, _)| {
+                let cell = first + BRICK * i;
+                self.texel(cell).map(|texel| (cell, texel, BRICK.min(nx - BRICK * i)))
+            })
+        })
+    }
+
     /// Linear indices of the cells of held bricks that `map` does not want, ascending.
     pub fn spare(&self, map: &CellMap) -> Vec<u32> {
-        let not_wanted = map.texels.iter().enumerate().filter(|(_, t)| **t >> 4 == 0);
-        not_wanted.filter(|&(i, _)| self.texel(i).is_some()).map(|(i, _)| i as u32).collect()
+        self.runs().flat_map(|(cell, _, count)| cell..cell + count).filter(|&cell| map.texels[cell] >> 4 == 0).map(|c| c as u32).collect()
     }
 }
 
@@ -169,6 +182,9 @@ mod tests {
                 let texels: usize = bricks.image_dims().iter().map(|&n| n as usize).product();
                 let mut taken = vec![false; texels];
                 let spare = bricks.spare(&map);
+                let runs: Vec<_> = bricks.runs().flat_map(|(cell, texel, count)| (0..count).map(move |k| (cell + k, texel + k))).collect();
+                let all: Vec<_> = (0..map.texels.len()).filter_map(|cell| bricks.texel(cell).map(|texel| (cell, texel))).collect();
+                assert_eq!(runs, all);
                 for (i, t) in map.texels.iter().enumerate() {
                     let Some(place) = bricks.texel(i) else {
                         assert!(*t >> 4 == 0, "cell {i} of {dims:?} is wanted");

@@ -112,29 +112,37 @@ impl Tiles {
 
     /// The tiles of a field of `dims` cells.
     pub fn new(dims: [usize; 3], map: &CellMap) -> Self {
-        let strides = [1, dims[0], dims[0] * dims[1]];
-        let mut list = Vec::new();
-        let mut runs: [Vec<[u32; 3]>; 3] = Default::default();
-        for (axis, runs) in runs.iter_mut().enumerate() {
-            let [row, column] = super::sweep::plane(axis);
-            let (width, height) = (dims[row].div_ceil(TILE_ROW), dims[column].div_ceil(TILE_COLUMN));
-            for slice in 0..dims[axis] {
-                let mut busy = vec![false; width * height];
-                for j in 0..dims[column] {
-                    let first = slice * strides[axis] + j * strides[column];
-                    for i in 0..dims[row] {
-                        let texel = map.texels[first + i * strides[row]];
-                        busy[i / TILE_ROW + width * (j / TILE_COLUMN)] |= texel >> 4 > 0 || texel & 15 < u32::from(MARGIN);
-                    }
+        let [nx, ny, nz] = dims;
+        let across = |axis: usize| super::sweep::plane(axis).map(|a| dims[a]);
+        let tiles = |axis: usize| across(axis)[0].div_ceil(TILE_ROW) * across(axis)[1].div_ceil(TILE_COLUMN);
+        // Per axis, slice after slice of tiles; across x, per tile a row of slices, for cells are read a row of x at a time.
+        let mut busy: [Vec<bool>; 3] = std::array::from_fn(|axis| vec![false; dims[axis] * tiles(axis)]);
+        let [rows, columns] = [nx.div_ceil(TILE_ROW), ny.div_ceil(TILE_ROW)];
+        for (index, row) in map.texels.chunks_exact(nx.max(1)).enumerate() {
+            let (y, z) = (index % ny, index / ny);
+            let across_x = &mut busy[0][nx * (y / TILE_ROW + columns * (z / TILE_COLUMN))..][..nx];
+            for (busy, &texel) in across_x.iter_mut().zip(row) {
+                *busy |= texel >> 4 > 0 || texel & 15 < u32::from(MARGIN);
+            }
+            for (axis, first) in [(1, y * tiles(1) + rows * (z / TILE_COLUMN)), (2, z * tiles(2) + rows * (y / TILE_COLUMN))] {
+                for (busy, cells) in busy[axis][first..].iter_mut().zip(row.chunks(TILE_ROW)) {
+                    *busy |= cells.iter().any(|texel| texel >> 4 > 0 || texel & 15 < u32::from(MARGIN));
                 }
-                let first = list.len() as u32;
-                for wanted in [true, false] {
-                    list.extend((0..busy.len() as u32).filter(|&t| busy[t as usize] == wanted));
-                }
-                let worked = busy.iter().filter(|b| **b).count() as u32;
-                runs.push([first, worked, list.len() as u32 - first - worked]);
             }
         }
+        let mut list = Vec::with_capacity(busy.iter().map(Vec::len).sum());
+        let runs = std::array::from_fn(|axis| {
+            let (busy, count) = (&busy[axis], tiles(axis));
+            let at = |slice: usize, tile: usize| if axis == 0 { slice + nx * tile } else { tile + count * slice };
+            let run = |slice: usize| {
+                let first = list.len();
+                list.extend((0..count).filter(|&t| busy[at(slice, t)]).map(|t| t as u32));
+                let worked = list.len() - first;
+                list.extend((0..count).filter(|&t| !busy[at(slice, t)]).map(|t| t as u32));
+                [first as u32, worked as u32, (count - worked) as u32]
+            };
+            (0..[nx, ny, nz][axis]).map(run).collect()
+        });
         Self { list, runs }
     }
 
@@ -149,43 +157,48 @@ impl Tiles {
     }
 }
 
-/// Chebyshev distance in cells to the nearest cell with matter, at most 15: per axis, the least of a line's distances each
-/// raised to its place in the line. A row of cells is worked on at once.
+/// Chebyshev distance in cells to the nearest cell with matter, at most 15. Steps to any of the 26 neighbours count 1, so that two
+/// passes find it (Rosenfeld & Pfaltz 1966): a shortest way takes first the steps to cells that stand later in the order, then
+/// those to earlier ones. A row of cells is worked on at once.
 pub fn distances(dims: [usize; 3], matter: &[bool]) -> Vec<u8> {
+    let [nx, ny, nz] = dims;
     let mut d: Vec<u8> = matter.iter().map(|&m| if m { 0 } else { FAR }).collect();
-    for row in d.chunks_exact_mut(dims[0].max(1)) {
-        // Along a row only 0 and 15 stand yet.
-        let mut last = FAR;
-        for v in row.iter_mut() {
-            last = (*v).min(last.saturating_add(1)).min(FAR);
-            *v = last;
-        }
-        for v in row.iter_mut().rev() {
-            last = (*v).min(last.saturating_add(1));
-            *v = last;
-        }
-    }
-    let strides = [1, dims[0], dims[0] * dims[1]];
-    for a in 1..3 {
-        let before = d.clone();
-        for (index, row) in d.chunks_exact_mut(dims[0].max(1)).enumerate() {
-            let first = index * dims[0];
-            let k = first / strides[a] % dims[a];
-            for reach in 1..usize::from(FAR) {
-                // Farther rows cannot do better than their place.
-                if row.iter().all(|&v| usize::from(v) <= reach) {
-                    break;
+    // The least of the rows beside a row that the pass has been through; one cell more at both ends.
+    let (mut beside, mut shifted) = (vec![FAR; nx + 2], vec![FAR; nx]);
+    for forward in [true, false] {
+        for index in 0..ny * nz {
+            let index = if forward { index } else { ny * nz - 1 - index };
+            let (y, z) = (index % ny, index / ny);
+            let (before_y, before_z) = if forward { (y.checked_sub(1), z.checked_sub(1)) } else { (Some(y + 1), Some(z + 1)) };
+            let before_z = before_z.filter(|&z| z < nz);
+            let rows = [(before_y, Some(z)), (y.checked_sub(1), before_z), (Some(y), before_z), (Some(y + 1), before_z)];
+            beside.fill(FAR);
+            for (y, z) in rows {
+                if let (Some(y), Some(z)) = (y.filter(|&y| y < ny), z) {
+                    least(&mut beside[1..=nx], &d[nx * (y + ny * z)..][..nx], 0);
                 }
-                for at in [(k >= reach).then(|| first - reach * strides[a]), (k + reach < dims[a]).then(|| first + reach * strides[a])] {
-                    let Some(at) = at else { continue };
-                    for (v, other) in row.iter_mut().zip(&before[at..at + dims[0]]) {
-                        *v = (*v).min((*other).max(reach as u8));
-                    }
-                }
+            }
+            let row = &mut d[nx * index..][..nx];
+            for reach in 0..3 {
+                least(row, &beside[reach..][..nx], 1);
+            }
+            // Along the row: steps of 1, 2, 4 and 8 make up to 15.
+            for step in [1, 2, 4, 8].into_iter().filter(|&step| step < nx) {
+                shifted.copy_from_slice(row);
+                let (to, from) =
+                    if forward { (&mut row[step..], &shifted[..nx - step]) } else { (&mut row[..nx - step], &shifted[step..]) };
+                least(to, from, step as u8);
             }
         }
     }
     d
+}
+
+/// Each the smaller of itself and `others` + `step`.
+fn least(row: &mut [u8], others: &[u8], step: u8) {
+    for (v, other) in row.iter_mut().zip(others) {
+        *v = (*v).min(other + step);
+    }
 }
 
 #[cfg(test)]

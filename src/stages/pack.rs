@@ -90,33 +90,42 @@ pub fn reference(v: &[f32; 16], bands: u32, bits: u32, wide: bool) -> [u32; 16] 
 
 /// The coefficients that 16 codes stand for; `wide`: in a fitted field.
 pub fn decode(codes: &[u32; 16], bits: u32, wide: bool) -> [f32; 16] {
-    std::array::from_fn(|i| {
-        if bits == 32 {
-            return f32::from_bits(codes[i]);
-        }
-        let top = ((1u64 << bits) - 1) as f32;
-        let zero = (1u64 << (bits - 1)) as f32;
-        let code = codes[i] as f32;
-        match (i, wide) {
-            (0, false) => code / top * PACK_RANGE[0],
-            (0, true) => (code - zero / 2.0) / (zero - 1.0) * PACK_RANGE[0],
-            _ => (code - zero) / (zero - 1.0) * PACK_RANGE[i] * if wide { 2.0 } else { 1.0 },
-        }
-    })
+    std::array::from_fn(|i| coefficient(i, codes[i], bits, wide))
 }
 
-/// Codes of coefficients 4g.. of every cell from the bytes of field image g, as stored by the kernel.
-pub fn unpack_image(bytes: &[u8], bands: u32, bits: u32) -> Vec<[u32; 4]> {
-    let per_code = (bits / 8) as usize;
-    let codes = if bands == 1 { 1 } else { 4 };
-    bytes
-        .chunks_exact(per_code * codes)
-        .map(|texel| {
-            let mut out = [if bits == 32 { 0 } else { 1 << (bits - 1) }; 4];
-            for (code, b) in out.iter_mut().zip(texel.chunks_exact(per_code)) {
-                *code = b.iter().rev().fold(0, |n, &byte| n << 8 | u32::from(byte));
-            }
-            out
-        })
-        .collect()
+/// Coefficient i from its code.
+#[inline(always)]
+fn coefficient(i: usize, code: u32, bits: u32, wide: bool) -> f32 {
+    if bits == 32 {
+        return f32::from_bits(code);
+    }
+    let top = ((1u64 << bits) - 1) as f32;
+    let zero = (1u64 << (bits - 1)) as f32;
+    let code = code as f32;
+    match (i, wide) {
+        (0, false) => code / top * PACK_RANGE[0],
+        (0, true) => (code - zero / 2.0) / (zero - 1.0) * PACK_RANGE[0],
+        _ => (code - zero) / (zero - 1.0) * PACK_RANGE[i] * if wide { 2.0 } else { 1.0 },
+    }
+}
+
+/// Coefficients 4g.. of some cells from their texels in field image g, as the kernel stored them. `out` has `bands`² for each
+/// cell, of which the others stay.
+pub fn unpack(texels: &[u8], g: usize, (bands, bits, wide): (u32, u32, bool), out: &mut [f32]) {
+    let (codes, kept) = (if bands == 1 { 1 } else { 4 }, (bands * bands) as usize);
+    // Compiled once for each size of a code.
+    match bits {
+        8 => unpack_as::<1>(texels, codes, g, wide, kept, out),
+        16 => unpack_as::<2>(texels, codes, g, wide, kept, out),
+        _ => unpack_as::<4>(texels, codes, g, wide, kept, out),
+    }
+}
+
+fn unpack_as<const N: usize>(texels: &[u8], codes: usize, g: usize, wide: bool, kept: usize, out: &mut [f32]) {
+    for (texel, out) in texels.chunks_exact(N * codes).zip(out.chunks_exact_mut(kept)) {
+        for (i, (b, out)) in texel.as_chunks::<N>().0.iter().zip(&mut out[4 * g..]).enumerate() {
+            let code = b.iter().rev().fold(0, |n, &byte| n << 8 | u32::from(byte));
+            *out = coefficient(4 * g + i, code, 8 * N as u32, wide);
+        }
+    }
 }

@@ -11,8 +11,9 @@ use gpu_allocator::vulkan::{Allocation, AllocationScheme};
 use std::ptr::NonNull;
 use std::sync::{Arc, Mutex};
 
-/// Above this a buffer gets memory of its own, which goes back to the system when the buffer does.
-const DEDICATED: u64 = 8 << 20;
+/// Above this a buffer gets memory of its own, which goes back to the system when the buffer does. What a picture takes stays below:
+/// it comes and goes with every frame.
+const DEDICATED: u64 = 16 << 20;
 
 /// A storage buffer in device memory. Clones are the same buffer.
 #[derive(Clone)]
@@ -72,7 +73,7 @@ impl BufferInner {
         };
         // SAFETY: the buffer is alive.
         let requirements = unsafe { raw.device.get_buffer_memory_requirements(handle) };
-        let scheme = if bytes >= DEDICATED { AllocationScheme::DedicatedBuffer(handle) } else { AllocationScheme::GpuAllocatorManaged };
+        let scheme = if bytes > DEDICATED { AllocationScheme::DedicatedBuffer(handle) } else { AllocationScheme::GpuAllocatorManaged };
         let allocation = made.allocation.insert(raw.allocate(name, requirements, location, true, scheme, counted)?);
         // SAFETY: the memory fits the buffer's requirements and is bound to nothing else.
         unsafe { raw.device.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) }.map_err(failed("vkBindBufferMemory"))?;

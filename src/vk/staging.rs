@@ -10,8 +10,9 @@ use gpu_allocator::MemoryLocation;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-/// Bytes of one half.
-pub(super) const HALF: usize = 16 << 20;
+/// Bytes of one half: few, for the host copies one while the device copies the other, and they stay in a processor's cache; enough
+/// to hide a submission.
+pub(super) const HALF: usize = 4 << 20;
 
 /// The staging buffers, made when first needed.
 #[derive(Default)]
@@ -55,6 +56,13 @@ impl Ring {
     /// Hands over the half at `offset`.
     pub(super) fn submit(&mut self, offset: usize) -> Result<()> {
         self.slots[offset / HALF].submit("a copy", &Semaphores::default())
+    }
+
+    /// Waits for what was handed over with the half at `offset`, and takes what it brought.
+    pub(super) fn take(&mut self, offset: usize, out: &mut [u8]) -> Result<()> {
+        self.slots[offset / HALF].wait("a copy")?;
+        out.copy_from_slice(self.bytes(offset, out.len()));
+        Ok(())
     }
 
     /// The bytes of a half that [`Ring::begin`] gave.

@@ -73,13 +73,22 @@ impl Device {
     /// # Errors
     /// [`Error::Invalid`] if the buffer is shorter; [`Error::Hazard`] if nobody ever wrote it; failures of the driver.
     pub fn read<T: bytemuck::Pod>(&self, buffer: &Buffer, len: usize) -> Result<Vec<T>> {
-        let inner = &buffer.inner;
-        let bytes = (len as u64).saturating_mul(size_of::<T>() as u64);
-        check_range(inner, bytes)?;
+        check_range(&buffer.inner, (len as u64).saturating_mul(size_of::<T>() as u64))?;
         let mut data = zeroed::<T>(len)?;
-        let out: &mut [u8] = bytemuck::cast_slice_mut(&mut data);
+        self.read_into(buffer, &mut data)?;
+        Ok(data)
+    }
+
+    /// The same into memory that is there.
+    ///
+    /// # Errors
+    /// As [`Device::read`].
+    pub fn read_into<T: bytemuck::Pod>(&self, buffer: &Buffer, data: &mut [T]) -> Result<()> {
+        let inner = &buffer.inner;
+        let out: &mut [u8] = bytemuck::cast_slice_mut(data);
+        check_range(inner, out.len() as u64)?;
         if out.is_empty() {
-            return Ok(data);
+            return Ok(());
         }
         let state = *lock(&inner.state);
         written(state, &inner.name)?;
@@ -93,7 +102,7 @@ impl Device {
             self.download_buffer(inner, state, out)?;
         }
         *lock(&inner.state) = State::ready(Access::ComputeRead);
-        Ok(data)
+        Ok(())
     }
 
     fn download_buffer(&self, inner: &BufferInner, state: State, out: &mut [u8]) -> Result<()> {
@@ -101,6 +110,8 @@ impl Device {
         let mut staging = lock(&self.0.staging);
         let mut ring = ring(&mut staging.down, raw, "staging down", false)?;
         let chunks = out.len().div_ceil(HALF);
+        // The chunk before, which the host copies while the device copies this one.
+        let mut before: Option<(usize, &mut [u8])> = None;
         for (i, chunk) in out.chunks_mut(HALF).enumerate() {
             let (offset, commands) = ring.begin()?;
             if i == 0 {
@@ -122,10 +133,11 @@ impl Device {
             }
             pipeline_barrier(raw, commands, &barriers, &[]);
             ring.submit(offset)?;
-            ring.wait()?;
-            chunk.copy_from_slice(ring.bytes(offset, chunk.len()));
+            if let Some((offset, chunk)) = before.replace((offset, chunk)) {
+                ring.take(offset, chunk)?;
+            }
         }
-        Ok(())
+        before.map_or(Ok(()), |(offset, chunk)| ring.take(offset, chunk))
     }
 
     /// A submission that holds one barrier only, towards all of `to`.

@@ -75,6 +75,9 @@ impl Device {
         let mut ring = ring(&mut staging.down, raw, "staging down", false)?;
         let parts = walk.parts();
         let last = parts.len().saturating_sub(1);
+        let mut rest = &mut data[..];
+        // The part before, which the host copies while the device copies this one.
+        let mut before: Option<(usize, &mut [u8])> = None;
         for (i, part) in parts.iter().enumerate() {
             let (offset, commands) = ring.begin()?;
             if i == 0 {
@@ -91,11 +94,14 @@ impl Device {
             let back = image_barrier(inner.handle, level, 1, Access::TransferRead.meaning(true), Access::ComputeRead.meaning(true));
             pipeline_barrier(raw, commands, &[host], if i == last { std::slice::from_ref(&back) } else { &[] });
             ring.submit(offset)?;
-            ring.wait()?;
-            let start = part.z as usize * walk.slice + part.y as usize * walk.row;
-            let len = walk.bytes(part);
-            data[start..start + len].copy_from_slice(ring.bytes(offset, len));
+            // Parts stand one after another.
+            let out;
+            (out, rest) = rest.split_at_mut(walk.bytes(part));
+            if let Some((offset, out)) = before.replace((offset, out)) {
+                ring.take(offset, out)?;
+            }
         }
+        before.map_or(Ok(()), |(offset, out)| ring.take(offset, out))?;
         *lock(&inner.states[level as usize]) = State::ready(Access::ComputeRead);
         Ok(data)
     }
