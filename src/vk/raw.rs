@@ -18,8 +18,6 @@ pub(super) type Messages = Mutex<Vec<String>>;
 
 /// The bottom of the pile. Dropped last, by whatever object goes last.
 pub(super) struct Raw {
-    // Held for its function pointers; the library stays loaded as long. A host keeps its own.
-    _entry: Option<ash::Entry>,
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub device: ash::Device,
@@ -128,7 +126,7 @@ impl Raw {
         let messages: Box<Messages> = Box::default();
         let made = Self::on_instance(&entry, &instance, options, debug, &messages);
         match made {
-            Ok(parts) => Ok(Self::of_parts(Some(entry), instance, parts, true, options.always_stage, messages)),
+            Ok(parts) => Ok(Self::of_parts(instance, parts, true, options.always_stage, messages)),
             Err(error) => {
                 // SAFETY: `on_instance` has undone what it made.
                 unsafe { instance.destroy_instance(None) };
@@ -191,7 +189,6 @@ impl Raw {
     }
 
     pub(super) fn of_parts(
-        entry: Option<ash::Entry>,
         instance: ash::Instance,
         parts: Parts,
         owned: bool,
@@ -199,7 +196,6 @@ impl Raw {
         messages: Box<Messages>,
     ) -> Self {
         Self {
-            _entry: entry,
             instance,
             physical: parts.physical,
             device: parts.device,
