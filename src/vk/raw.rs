@@ -188,13 +188,7 @@ impl Raw {
         Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget, features, families })
     }
 
-    pub(super) fn of_parts(
-        instance: ash::Instance,
-        parts: Parts,
-        owned: bool,
-        always_stage: bool,
-        messages: Box<Messages>,
-    ) -> Self {
+    pub(super) fn of_parts(instance: ash::Instance, parts: Parts, owned: bool, always_stage: bool, messages: Box<Messages>) -> Self {
         Self {
             instance,
             physical: parts.physical,

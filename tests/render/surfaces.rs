@@ -18,6 +18,7 @@ fn the_isosurface_of_a_ball_is_hit_where_the_formula_says() {
     let (picture, distance) = engine.render_with_distance(&medium, &lit, &camera, &image(64, 48, 1.0), &mut quiet).expect("picture");
     let rays = camera.rays(&grid, 64, 48).expect("rays");
     let view = View::new(&grid, &rays);
+    let filtering = engine.filtering().expect("filtering");
     let (mut hits, mut worst, mut worst_twin) = (0, 0f64, 0f32);
     for j in 0..48 {
         for i in 0..64 {
@@ -35,7 +36,7 @@ fn the_isosurface_of_a_ball_is_hit_where_the_formula_says() {
             } else if root < -9.0 {
                 assert!(got < 0.0, "pixel {i},{j} hits beside the ball");
             }
-            match isosurface::reference_hit(&volume, 0.0, &view, [i, j], 1.0) {
+            match twin::filtered(filtering, || isosurface::reference_hit(&volume, 0.0, &view, [i, j], 1.0)) {
                 Some(hit) if got >= 0.0 => worst_twin = worst_twin.max((hit.distance - got).abs()),
                 Some(_) | None => assert!(root.abs() < 9.0 || got < 0.0),
             }
