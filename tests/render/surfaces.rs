@@ -46,7 +46,9 @@ fn the_isosurface_of_a_ball_is_hit_where_the_formula_says() {
     // A linear cone interpolated trilinearly errs by curvature/8: about 3/(8·15) voxel, times the obliqueness.
     assert!(hits > 400 && worst < 0.1, "{worst}");
     // Bisection of one voxel by 12 halvings, and single precision at a distance of some 100 voxels.
-    assert!(worst_twin < 2e-3, "{worst_twin}");
+    // Where weights come in steps, a hit lies at the edge of one, on whichever side of it rounding puts a place.
+    let step = filtering.map_or(0.0, |f| 1.0 / f.steps as f32);
+    assert!(worst_twin < 2e-3 + step, "{worst_twin}");
     // Sabotage: a ball half a voxel larger is found out.
     let view_error = isosurface::reference_hit(&volume, -0.5, &view, [32, 24], 1.0).expect("hit").distance - distance[24 * 64 + 32];
     assert!(view_error.abs() > 0.1);
