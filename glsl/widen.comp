@@ -1,5 +1,5 @@
 // widen: samples as a host stores them -> as the volume's image does: 16-bit unorm, or float. 8 bits are spread exactly
-// (v 257 / 65535 = v / 255), signed integers are moved by 2^15. Exact integer arithmetic, no rounding.
+// (v 257 / 65535 = v / 255), signed integers are moved by 2^7 or 2^15 first. Exact integer arithmetic, no rounding.
 // Counted per word written: one load, 4 bytes written; 1 to 4 bytes read.
 #version 460
 layout(local_size_x = 128) in;
@@ -34,9 +34,8 @@ void main() {
     if (KIND == 1) {
         wide[i] = (pair & 0xffu) * 257u | ((pair >> 8) * 257u) << 16;
     } else if (KIND == 2) {
-        uint low = uint(bitfieldExtract(int(pair), 0, 8)) & 0xffffu;
-        uint high = uint(bitfieldExtract(int(pair), 8, 8)) << 16;
-        wide[i] = (low | high) ^ 0x80008000u;
+        pair ^= 0x8080u;
+        wide[i] = (pair & 0xffu) * 257u | ((pair >> 8) * 257u) << 16;
     } else {
         wide[i] = float_of_half(pair);
     }

@@ -30,7 +30,7 @@ fn layers_equal_their_twin() {
         let (dims, n) = (field.dims(), grid.dims());
         let light_at = |p: [f32; 3]| -> [f32; 4] {
             let q = std::array::from_fn(|a| p[a] / n[a] as f32 * dims[a] as f32);
-            std::array::from_fn(|c| twin::trilinear(dims, q, |i| cells[i[0] + dims[0] * (i[1] + dims[1] * i[2])][c]))
+            std::array::from_fn(|c| twin::texture(dims, q, |i| cells[i[0] + dims[0] * (i[1] + dims[1] * i[2])][c]))
         };
         let camera = camera(&grid, [1.6, -1.9, 1.1], 40.0);
         let image = ImageSettings { width: 24, height: 18, step: 0.7, ..ImageSettings::default() };
@@ -38,10 +38,12 @@ fn layers_equal_their_twin() {
         let picture = engine.render(&medium, &lit, &camera, &image, &mut quiet).expect("picture");
         let view = View::new(&grid, &camera.rays(&grid, 24, 18).expect("rays"));
         let step = 0.7 * grid.voxel_length();
+        let filtering = engine.filtering().expect("filtering");
         let worst = |planes: &[[f32; 4]]| {
             let mut worst = 0f32;
             for (i, d) in device.iter().enumerate() {
-                let t = aov::reference(&volume, &table, &view, [i % 24, i / 24], step, light_at, planes);
+                let pixel = [i % 24, i / 24];
+                let t = twin::filtered(filtering, || aov::reference(&volume, &table, &view, pixel, step, light_at, planes));
                 // Means of next to nothing are next to nothing's rounding.
                 if t.opacity < 0.01 && d.opacity < 0.01 {
                     continue;

@@ -9,7 +9,7 @@ use halflight::scene::visibility::Method;
 use halflight::scene::{Camera, Grid, ImageSettings, Light, Matter, Probe, Shading, Sky, Surface, Visibility, Volume};
 use halflight::stages::directions::fibonacci;
 use halflight::stages::raymarch::View;
-use halflight::stages::{majorant, trace};
+use halflight::stages::{majorant, trace, twin};
 use std::ops::ControlFlow;
 
 fn image(width: usize, height: usize) -> ImageSettings {
@@ -270,7 +270,7 @@ fn tracing_equals_its_twin() {
     let camera = camera(&grid, [1.1, -1.3, 0.8], 40.0);
     let view = View::new(&grid, &camera.rays(&grid, 24, 18).expect("rays"));
     let sky = Sky::from_probe(&Probe::two_colored()).rotated(DVec3::new(0.2, 1.0, 0.4), 50.0);
-    let samples = 64;
+    let (samples, filtering) = (64, engine.filtering().expect("filtering"));
     let opaque = |shading| Surface { iso: 0.35, shading, albedo: Some([0.8, 0.6, 0.4]) };
     for matter in [linear(0.8), surface(opaque(Shading::Lambert)), surface(opaque(Shading::Isotropic))] {
         let (_, medium) = load(&engine, &volume, &matter);
@@ -292,7 +292,7 @@ fn tracing_equals_its_twin() {
             for i in (0..24 * 18).step_by(if matter.surface.is_some() { 1 } else { 3 }) {
                 let mut mean = [0f64; 4];
                 for s in 0..samples {
-                    let l = trace::reference(&scene, [i % 24, i / 24], s);
+                    let l = twin::filtered(filtering, || trace::reference(&scene, [i % 24, i / 24], s));
                     (0..4).for_each(|c| mean[c] += f64::from(l[c]) / f64::from(samples));
                 }
                 let got = device.picture.rgba[i];

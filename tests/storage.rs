@@ -89,8 +89,14 @@ fn pictures_are_those_of_a_dense_field() {
             let (bricks, dense) = (frame(&near), frame(&all));
             let bright = dense.0.iter().fold(0f32, |m, v| m.max(*v));
             let (difference, at) = worst(&bricks.0, &dense.0);
-            // The irradiance's box moves its texture coordinates by a few units in the last place.
-            assert!(difference <= 1e-5 * bright, "1:{ratio}: {difference} of {bright} at {at}");
+            // The irradiance's box moves its texture coordinates by a few units in the last place: a weight of the few that lie at
+            // the edge of a step of the device's goes to the other side, where a pixel's irradiance is up to all its light.
+            let mean = bricks.0.iter().zip(&dense.0).map(|(a, b)| (a - b).abs()).sum::<f32>() / dense.0.len() as f32;
+            let step = engine.filtering().expect("filtering").map_or(0.0, |f| 1.0 / f.steps as f32);
+            assert!(
+                difference <= (1e-5 + step) * bright && mean <= 1e-5 * bright,
+                "1:{ratio}: {difference} of {bright} at {at}, mean {mean}"
+            );
             if ratio == 1 {
                 assert!(2 * bricks.1 < dense.1 && bricks.2 <= dense.2, "{:?} {:?}", (bricks.1, bricks.2), (dense.1, dense.2));
             }

@@ -234,6 +234,26 @@ fn without_a_loader_there_is_no_device() {
     }
 }
 
+/// The Vulkan loader and drivers in this process's memory (what a driver loads besides is its own affair).
+#[cfg(target_os = "linux")]
+fn libraries() -> std::collections::BTreeSet<String> {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let names = maps.lines().filter_map(|l| l.rsplit('/').next()).filter(|n| n.starts_with("libvulkan") || n.starts_with("libGLX_"));
+    names.map(str::to_owned).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn drivers_stay_loaded_when_the_last_device_goes() {
+    if in_child("drivers_stay_loaded_when_the_last_device_goes", |_| ()) {
+        let device = Device::new(&Options::default()).unwrap();
+        let there = libraries();
+        drop(device);
+        assert!(there.len() >= 2, "{there:?}");
+        assert_eq!(libraries(), there);
+    }
+}
+
 #[test]
 fn pack_ranges_are_the_known_integrals() {
     use std::f64::consts::PI;

@@ -60,6 +60,8 @@ impl Context {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
+    #[cfg(unix)]
+    outlive_size_limits();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     // Errors of the command line itself must be JSON too, and clap has not read it by then.
     let json = arguments.iter().skip(1).take_while(|a| *a != "--").any(|a| a == "--json");
@@ -75,6 +77,13 @@ pub fn main() -> ExitCode {
         let _ = say(&json!({ "error": failure.sentence, "code": failure.code }).to_string());
     }
     ExitCode::from(failure.code)
+}
+
+/// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as any other, where the system would end the process: drivers
+/// write caches of their own. Nobody needs the flag.
+#[cfg(unix)]
+fn outlive_size_limits() {
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
 }
 
 fn run(arguments: &[OsString]) -> Result<(), Failure> {

@@ -278,6 +278,7 @@ impl Engine {
             grid: to.grid,
             range: [a.min(b), a.max(b)],
             samples: to.samples,
+            stored: to.samples,
             rescale: to.rescale,
             encoding: to.samples.encoding(to.rescale),
             image: to.image,

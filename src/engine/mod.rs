@@ -71,6 +71,8 @@ struct VolumeData {
     grid: Grid,
     range: [f32; 2],
     samples: SampleType,
+    /// What the image stores them as.
+    stored: SampleType,
     /// Value = slope·sample + intercept.
     rescale: (f32, f32),
     encoding: Encoding,
@@ -244,6 +246,15 @@ impl Engine {
         self.device.info()
     }
 
+    /// In what steps the device interpolates, if that is coarser than single precision: what twins are to be told
+    /// ([`stages::twin::filtered`]).
+    ///
+    /// # Errors
+    /// As [`crate::vk::Device::filtering`].
+    pub fn filtering(&self) -> Result<Option<crate::vk::Filtering>> {
+        self.device.filtering()
+    }
+
     /// Memory in use, at most used, and allowed.
     pub fn memory(&self) -> Memory {
         self.device.memory()
@@ -312,8 +323,8 @@ impl Engine {
             )
         })?;
         let image = self.device.image3(&ImageDesc { name: "volume", dims, levels: 1, format, views: &[], storage: false })?;
-        let row = dims[0] as usize * dims[1] as usize;
-        self.device.write_image(&image, 0, &mut |first_z, bytes| encode(volume.samples(), first_z as usize * row, bytes))?;
+        let (row, stored) = (dims[0] as usize * dims[1] as usize, SampleType::stored_as(volume));
+        self.device.write_image(&image, 0, &mut |first_z, bytes| encode(volume.samples(), stored, first_z as usize * row, bytes))?;
         let ranges = self.upload_ranges(volume)?;
         let samples = match volume.samples() {
             Samples::U8(_) => SampleType::U8,
@@ -322,7 +333,7 @@ impl Engine {
             Samples::F32(_) => SampleType::F32,
         };
         let (rescale, encoding) = (volume.rescale(), Encoding::of(volume));
-        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), samples, rescale, encoding, image, ranges })))
+        Ok(DeviceVolume(Arc::new(VolumeData { grid, range: volume.range(), samples, stored, rescale, encoding, image, ranges })))
     }
 
     /// Brings a volume back to main memory, sample by sample as it was (8-bit signed as 16-bit, 16-bit floats as 32-bit).
@@ -332,11 +343,12 @@ impl Engine {
     pub fn read_volume(&self, volume: &DeviceVolume) -> Result<Volume> {
         let data = &volume.0;
         let bytes = self.device.read_image(&data.image, 0)?;
-        let words = || bytes.chunks_exact(2).map(|b| u16::from_ne_bytes([b[0], b[1]]));
+        let (factor, offset) = data.stored.spread();
+        let integers = || bytes.chunks_exact(2).map(|b| i32::from(u16::from_ne_bytes([b[0], b[1]])) / factor - offset);
         let samples = match data.samples {
-            SampleType::U8 => Samples::U8(words().map(|w| (w / 257) as u8).collect()),
-            SampleType::U16 => Samples::U16(words().collect()),
-            SampleType::I8 | SampleType::I16 => Samples::I16(words().map(|w| (w ^ 0x8000) as i16).collect()),
+            SampleType::U8 => Samples::U8(integers().map(|v| v as u8).collect()),
+            SampleType::U16 => Samples::U16(integers().map(|v| v as u16).collect()),
+            SampleType::I8 | SampleType::I16 => Samples::I16(integers().map(|v| v as i16).collect()),
             SampleType::F16 | SampleType::F32 => {
                 Samples::F32(bytes.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect())
             }
@@ -423,17 +435,19 @@ impl Engine {
 }
 
 /// Samples from index `first` on as the volume's image stores them.
-fn encode(samples: &Samples, first: usize, bytes: &mut [u8]) {
+fn encode(samples: &Samples, stored: SampleType, first: usize, bytes: &mut [u8]) {
     fn put<const N: usize>(bytes: &mut [u8], values: impl Iterator<Item = [u8; N]>) {
         for (out, value) in bytes.chunks_exact_mut(N).zip(values) {
             out.copy_from_slice(&value);
         }
     }
+    // v·257/65535 = v/255 exactly.
+    let (factor, offset) = stored.spread();
+    let word = |v: i32| ((v + offset) * factor) as u16;
     match samples {
-        // v·257/65535 = v/255 exactly.
-        Samples::U8(s) => put(bytes, s[first..].iter().map(|&v| (u16::from(v) * 257).to_ne_bytes())),
-        Samples::U16(s) => put(bytes, s[first..].iter().map(|&v| v.to_ne_bytes())),
-        Samples::I16(s) => put(bytes, s[first..].iter().map(|&v| (v as u16 ^ 0x8000).to_ne_bytes())),
+        Samples::U8(s) => put(bytes, s[first..].iter().map(|&v| word(v.into()).to_ne_bytes())),
+        Samples::U16(s) => put(bytes, s[first..].iter().map(|&v| word(v.into()).to_ne_bytes())),
+        Samples::I16(s) => put(bytes, s[first..].iter().map(|&v| word(v.into()).to_ne_bytes())),
         Samples::F32(s) => put(bytes, s[first..].iter().map(|&v| v.to_ne_bytes())),
     }
 }

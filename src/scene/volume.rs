@@ -63,6 +63,7 @@ pub struct Volume {
     slope: f32,
     intercept: f32,
     range: [f32; 2],
+    stored: [f32; 2],
 }
 
 impl Volume {
@@ -104,7 +105,7 @@ impl Volume {
             Samples::F32(s) => s.iter().fold((f32::MAX, f32::MIN), |(l, h), &v| (l.min(v), h.max(v))),
         };
         let (a, b) = (slope * lo + intercept, slope * hi + intercept);
-        Ok(Self { grid, samples, slope, intercept, range: [a.min(b), a.max(b)] })
+        Ok(Self { grid, samples, slope, intercept, range: [a.min(b), a.max(b)], stored: [lo, hi] })
     }
 
     /// A volume whose values are given by a formula of the voxel centre (voxel coordinates).
@@ -142,6 +143,11 @@ impl Volume {
     /// Smallest and largest value, in the data's unit.
     pub fn range(&self) -> [f32; 2] {
         self.range
+    }
+
+    /// Smallest and largest sample as stored.
+    pub fn stored_range(&self) -> [f32; 2] {
+        self.stored
     }
 
     /// Value of the voxel with linear index `i` (x fastest), in the data's unit.

@@ -61,7 +61,7 @@ pub fn reference(
     let tap = |k: usize, p: [f32; 3]| -> f32 {
         let d = level_dims(dims_u32(dims), k as u32).map(|n| n as usize);
         let q = std::array::from_fn(|a| p[a] / dims[a] as f32 * d[a] as f32);
-        twin::trilinear(d, q, |i| pyramid[k][i[0] + d[0] * (i[1] + d[1] * i[2])])
+        twin::texture(d, q, |i| pyramid[k][i[0] + d[0] * (i[1] + d[1] * i[2])])
     };
     estimate::reference(grid, field_dims, cells, directions, |x, d| {
         let end = twin::exit_distance(x, d, dims);

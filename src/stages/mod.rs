@@ -26,7 +26,7 @@ pub mod twin;
 pub mod widen;
 
 use crate::error::Result;
-use crate::scene::{Grid, Samples, Volume};
+use crate::scene::{Grid, Volume};
 use crate::vk::{self, Recorder};
 
 /// How the volume's image encodes values: image sample x → value = scale·x + bias, in the data's unit.
@@ -39,17 +39,10 @@ pub struct Encoding {
 }
 
 impl Encoding {
-    /// The encoding that `upload` uses for these samples: integers become 16-bit unorm (8 bits are spread exactly, since
-    /// some devices round the filtering of 8-bit images to 8 bits), floats stay floats.
+    /// The encoding that `upload` uses for these samples: integers become 16-bit unorm (what 8 bits hold is spread exactly,
+    /// since some devices round the filtering of 8-bit images to 8 bits), floats stay floats.
     pub fn of(volume: &Volume) -> Self {
-        let (slope, intercept) = volume.rescale();
-        let (scale, zero) = match volume.samples() {
-            Samples::U8(_) => (255.0, 0.0),
-            Samples::U16(_) => (65535.0, 0.0),
-            Samples::I16(_) => (65535.0, -32768.0),
-            Samples::F32(_) => (1.0, 0.0),
-        };
-        Self { scale: slope * scale, bias: slope * zero + intercept }
+        widen::SampleType::stored_as(volume).encoding(volume.rescale())
     }
 
     /// The image sample that stands for a value.

@@ -7,6 +7,7 @@
 //! sample, rounding added. The ranges are found once, at upload, on the host, which is reading every
 //! sample then anyway; the distances anew on the device with every transfer function.
 
+use super::widen::SampleType;
 use super::{Encoding, Parts, slab};
 use crate::error::Result;
 use crate::kernels::constants::{BLOCK, MAX_LEAP};
@@ -43,10 +44,12 @@ pub fn ranges(volume: &Volume) -> Vec<u8> {
         ranges.into_iter().flatten().flat_map(encode).collect()
     }
     let dims = volume.grid().dims();
+    let (factor, offset) = SampleType::stored_as(volume).spread();
+    let word = |v: i32| (((v + offset) * factor) as u16).to_ne_bytes();
     match volume.samples() {
-        Samples::U8(s) => texels(block_ranges(s, dims, |a, b| a.min(b), |a, b| a.max(b)), |v| (u16::from(v) * 257).to_ne_bytes()),
-        Samples::U16(s) => texels(block_ranges(s, dims, |a, b| a.min(b), |a, b| a.max(b)), u16::to_ne_bytes),
-        Samples::I16(s) => texels(block_ranges(s, dims, |a, b| a.min(b), |a, b| a.max(b)), |v| (v as u16 ^ 0x8000).to_ne_bytes()),
+        Samples::U8(s) => texels(block_ranges(s, dims, |a, b| a.min(b), |a, b| a.max(b)), |v| word(v.into())),
+        Samples::U16(s) => texels(block_ranges(s, dims, |a, b| a.min(b), |a, b| a.max(b)), |v| word(v.into())),
+        Samples::I16(s) => texels(block_ranges(s, dims, |a, b| a.min(b), |a, b| a.max(b)), |v| word(v.into())),
         Samples::F32(s) => texels(block_ranges(s, dims, f32::min, f32::max), f32::to_ne_bytes),
     }
 }

@@ -2,6 +2,8 @@
 
 use crate::scene::transfer::{TABLE_SIZE, Table};
 use crate::scene::{Grid, Volume};
+use crate::vk::Filtering;
+use std::cell::Cell;
 
 /// Voxel (x, y, z) with coordinates clamped to the volume.
 pub fn fetch(volume: &Volume, p: [i64; 3]) -> f32 {
@@ -10,15 +12,42 @@ pub fn fetch(volume: &Volume, p: [i64; 3]) -> f32 {
     volume.value(c(0) + d[0] * (c(1) + d[1] * c(2)))
 }
 
+thread_local! {
+    static FILTERING: Cell<Option<Filtering>> = const { Cell::new(None) };
+}
+
+/// Runs twins on this thread with textures read as a device does that rounds weights of interpolation ([`Device::filtering`]):
+/// what they then differ by is not the device's textures.
+///
+/// [`Device::filtering`]: crate::vk::Device::filtering
+pub fn filtered<T>(filtering: Option<Filtering>, twin: impl FnOnce() -> T) -> T {
+    let before = FILTERING.replace(filtering);
+    let done = twin();
+    FILTERING.set(before);
+    done
+}
+
+/// [`trilinear`] in a texture; see [`filtered`].
+pub fn texture(dims: [usize; 3], p: [f32; 3], get: impl Fn([usize; 3]) -> f32) -> f32 {
+    match FILTERING.get() {
+        None => trilinear(dims, p, get),
+        Some(filtering) => trilinear_of(dims, p, |w| filtering.round(w), get),
+    }
+}
+
 /// Trilinear value at voxel coordinates `p`, clamped to the edge; `get` returns a texel by (clamped) index.
 pub fn trilinear(dims: [usize; 3], p: [f32; 3], get: impl Fn([usize; 3]) -> f32) -> f32 {
+    trilinear_of(dims, p, |w| w, get)
+}
+
+fn trilinear_of(dims: [usize; 3], p: [f32; 3], round: impl Fn(f32) -> f32, get: impl Fn([usize; 3]) -> f32) -> f32 {
     let mut lo = [0usize; 3];
     let mut hi = [0usize; 3];
     let mut f = [0f32; 3];
     for a in 0..3 {
         let q = p[a] - 0.5;
         let base = q.floor();
-        f[a] = q - base;
+        f[a] = round(q - base);
         lo[a] = (base as i64).clamp(0, dims[a] as i64 - 1) as usize;
         hi[a] = (base as i64 + 1).clamp(0, dims[a] as i64 - 1) as usize;
     }
@@ -53,7 +82,7 @@ pub fn corners(dims: [usize; 3], q: [f32; 3]) -> Vec<(usize, f32)> {
 /// Trilinear value of a volume at voxel coordinates.
 pub fn sample(volume: &Volume, p: [f32; 3]) -> f32 {
     let d = volume.grid().dims();
-    trilinear(d, p, |q| volume.value(q[0] + d[0] * (q[1] + d[1] * q[2])))
+    texture(d, p, |q| volume.value(q[0] + d[0] * (q[1] + d[1] * q[2])))
 }
 
 /// Table entry below a value, and the weight of the next.

@@ -1,9 +1,10 @@
 //! widen: samples as a host stores them in a buffer or an image → as the volume's image stores them, exactly: integers v
-//! become 16-bit unorm (uint8 as 257·v, signed ones as v + 2¹⁵), floats single floats.
+//! become 16-bit unorm (uint8 as 257·v, int8 as 257·(v + 2⁷), int16 as v + 2¹⁵), floats single floats.
 
 use super::Encoding;
 use crate::error::Result;
 use crate::kernels::widen as kernel;
+use crate::scene::{Samples, Volume};
 use crate::vk::{Buffer, Format, Recorder};
 
 /// Types of a sample that a host may have, little-endian.
@@ -55,14 +56,34 @@ impl SampleType {
         if matches!(self, Self::F16 | Self::F32) { Format::R32Sfloat } else { Format::R16Unorm }
     }
 
-    /// How many of the image's units one step of the stored integer is, and what the stored 0 becomes; floats are kept.
-    fn integers(self) -> Option<(f32, f32)> {
-        match self {
-            Self::U8 => Some((255.0, 0.0)),
-            Self::U16 => Some((65535.0, 0.0)),
-            Self::I8 | Self::I16 => Some((65535.0, -32768.0)),
-            Self::F16 | Self::F32 => None,
+    /// As what the volume's image stores these samples: 16-bit ones that 8 bits would hold as those, so that they use the image's
+    /// range (some devices interpolate to 20 bits or so of it).
+    pub fn stored_as(volume: &Volume) -> Self {
+        let [lo, hi] = volume.stored_range();
+        match volume.samples() {
+            Samples::U16(_) if hi > 255.0 => Self::U16,
+            Samples::I16(_) if lo < -128.0 || hi > 127.0 => Self::I16,
+            Samples::I16(_) => Self::I8,
+            Samples::U8(_) | Samples::U16(_) => Self::U8,
+            Samples::F32(_) => Self::F32,
         }
+    }
+
+    /// The image's integer of a stored v is factor·(v + offset): (factor, offset). Floats are kept.
+    pub fn spread(self) -> (i32, i32) {
+        match self {
+            Self::U8 => (257, 0),
+            Self::I8 => (257, 128),
+            Self::U16 => (1, 0),
+            Self::I16 => (1, 32768),
+            Self::F16 | Self::F32 => (1, 0),
+        }
+    }
+
+    /// How many stored steps the image's unit is, and what is stored as 0; floats are kept.
+    fn integers(self) -> Option<(f32, f32)> {
+        let (factor, offset) = self.spread();
+        (self.format() == Format::R16Unorm).then_some(((65535 / factor) as f32, -offset as f32))
     }
 
     /// As [`Encoding::of`] a volume of these samples.
@@ -113,7 +134,7 @@ pub fn record(rec: &mut Recorder, from: SampleType, narrow: &Buffer, wide: &Buff
 pub fn reference(from: SampleType, narrow: &[u8]) -> Vec<u8> {
     match from {
         SampleType::U8 => narrow.iter().flat_map(|&v| (u16::from(v) * 257).to_le_bytes()).collect(),
-        SampleType::I8 => narrow.iter().flat_map(|&v| ((i32::from(v.cast_signed()) + 32768) as u16).to_le_bytes()).collect(),
+        SampleType::I8 => narrow.iter().flat_map(|&v| ((i32::from(v.cast_signed()) + 128) as u16 * 257).to_le_bytes()).collect(),
         SampleType::I16 => {
             let value = |b: &[u8]| i32::from(i16::from_le_bytes([b[0], b[1]]));
             narrow.chunks_exact(2).flat_map(|b| ((value(b) + 32768) as u16).to_le_bytes()).collect()

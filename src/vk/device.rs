@@ -6,7 +6,10 @@ use super::raw::Raw;
 use super::slot::Slot;
 use super::staging::Staging;
 use super::timing::{Clock, Span};
-use super::{Buffer, DeviceInfo, DeviceKind, Format, Image, ImageDesc, KernelInfo, Memory, Options, Recorder, cache, canary, failed, lock};
+use super::{
+    Buffer, DeviceInfo, DeviceKind, Filtering, Format, Image, ImageDesc, KernelInfo, Memory, Options, Recorder, cache, canary, failed,
+    filtering, lock,
+};
 use crate::error::{Error, Result};
 use crate::kernels::constants::MOST_LANES;
 use ash::vk;
@@ -33,6 +36,7 @@ pub(super) struct Shared {
     cache: vk::PipelineCache,
     cache_path: Option<PathBuf>,
     loop_limit: OnceLock<u32>,
+    filtering: OnceLock<Option<Filtering>>,
 }
 
 impl Drop for Shared {
@@ -96,6 +100,7 @@ impl Device {
             cache: vk::PipelineCache::null(),
             cache_path,
             loop_limit: OnceLock::new(),
+            filtering: OnceLock::new(),
             raw,
         };
         shared.linear = sampler(&shared.raw, vk::Filter::LINEAR, vk::SamplerMipmapMode::LINEAR)?;
@@ -148,6 +153,19 @@ impl Device {
         // SAFETY: the device belongs to the instance.
         let found = unsafe { raw.instance.get_physical_device_format_properties(raw.physical, format.raw()) };
         found.optimal_tiling_features.contains(vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR)
+    }
+
+    /// In what steps images are interpolated; nothing where they are finer than 1/2048 of a texel. The first call runs one small
+    /// kernel.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`], [`Error::DeviceLost`] and the driver's own failures.
+    pub fn filtering(&self) -> Result<Option<Filtering>> {
+        if let Some(known) = self.0.filtering.get() {
+            return Ok(*known);
+        }
+        let found = filtering::measure(self, 0)?;
+        Ok(*self.0.filtering.get_or_init(|| found))
     }
 
     /// What it lacks of these requirements, in words that follow "lacks".

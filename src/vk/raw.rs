@@ -18,8 +18,6 @@ pub(super) type Messages = Mutex<Vec<String>>;
 
 /// The bottom of the pile. Dropped last, by whatever object goes last.
 pub(super) struct Raw {
-    // Held for its function pointers; the library stays loaded as long. A host keeps its own.
-    _entry: Option<ash::Entry>,
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub device: ash::Device,
@@ -128,7 +126,7 @@ impl Raw {
         let messages: Box<Messages> = Box::default();
         let made = Self::on_instance(&entry, &instance, options, debug, &messages);
         match made {
-            Ok(parts) => Ok(Self::of_parts(Some(entry), instance, parts, true, options.as_card, messages)),
+            Ok(parts) => Ok(Self::of_parts(instance, parts, true, options.as_card, messages)),
             Err(error) => {
                 // SAFETY: `on_instance` has undone what it made.
                 unsafe { instance.destroy_instance(None) };
@@ -190,16 +188,8 @@ impl Raw {
         Ok(Parts { physical, device, info, limits, family, timestamp_bits, queue, names, messenger, allocator, budget, features, families })
     }
 
-    pub(super) fn of_parts(
-        entry: Option<ash::Entry>,
-        instance: ash::Instance,
-        parts: Parts,
-        owned: bool,
-        as_card: bool,
-        messages: Box<Messages>,
-    ) -> Self {
+    pub(super) fn of_parts(instance: ash::Instance, parts: Parts, owned: bool, as_card: bool, messages: Box<Messages>) -> Self {
         Self {
-            _entry: entry,
             instance,
             physical: parts.physical,
             device: parts.device,

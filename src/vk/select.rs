@@ -1,10 +1,11 @@
 //! Which devices there are, and which one is taken.
 
-use super::failed;
+use super::{failed, lock};
 use crate::error::{Error, Result};
 use ash::vk;
 use std::ffi::{CStr, c_char};
 use std::path::PathBuf;
+use std::sync::Mutex;
 
 /// What a caller may wish of a device.
 #[derive(Clone, Debug, Default)]
@@ -80,15 +81,26 @@ pub fn devices() -> Result<Vec<DeviceInfo>> {
     list
 }
 
-/// Loads the Vulkan loader.
+/// The loader, and an instance that keeps the drivers loaded: without either, both come and go with every engine, and some
+/// drivers (NVIDIA's) do not load any more after some hundred times.
+static LOADED: Mutex<Option<(ash::Entry, ash::Instance)>> = Mutex::new(None);
+
+/// Loads the Vulkan loader and its drivers, for the life of the process. Only success is kept: where something is missing, it can
+/// still be installed; each instance looks for drivers anew.
 pub(super) fn load() -> Result<ash::Entry> {
+    let mut loaded = lock(&LOADED);
+    if let Some((entry, _)) = &*loaded {
+        return Ok(entry.clone());
+    }
     // SAFETY: the loader is the system's own library; running its initialisers is what using Vulkan means.
-    unsafe { ash::Entry::load() }.map_err(|e| Error::NoDevice {
+    let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoDevice {
         what: format!("the Vulkan loader does not load ({e})"),
         right: String::from(
             "install it (Debian: `apt-get install libvulkan1`) together with a driver (mesa-vulkan-drivers runs on any processor)",
         ),
-    })
+    })?;
+    let instance = super::raw::bare_instance(&entry)?;
+    Ok(loaded.insert((entry, instance)).0.clone())
 }
 
 /// All physical devices with their descriptions.

@@ -18,7 +18,7 @@ impl<'a> Bytes<'a> {
         unsafe {
             let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
             let buffer = host.device.create_buffer(&vk::BufferCreateInfo::default().size(size).usage(usage), None).unwrap();
-            let memory = allocate(host, host.device.get_buffer_memory_requirements(buffer));
+            let memory = allocate(host, host.device.get_buffer_memory_requirements(buffer), SEEN);
             host.device.bind_buffer_memory(buffer, memory, 0).unwrap();
             Self { host, buffer, memory, size }
         }
@@ -73,14 +73,17 @@ impl Drop for Bytes<'_> {
     }
 }
 
-unsafe fn allocate(host: &Host, needs: vk::MemoryRequirements) -> vk::DeviceMemory {
-    // SAFETY: lavapipe's one memory type is seen by the host; elsewhere the first that is.
+/// What the host of the device writes and reads in place.
+const SEEN: vk::MemoryPropertyFlags =
+    vk::MemoryPropertyFlags::from_raw(vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw() | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw());
+
+unsafe fn allocate(host: &Host, needs: vk::MemoryRequirements, wanted: vk::MemoryPropertyFlags) -> vk::DeviceMemory {
+    // SAFETY: plain Vulkan, in order.
     unsafe {
         let all = host.instance.get_physical_device_memory_properties(host.physical);
-        let seen = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
         let index = (0..all.memory_type_count)
-            .find(|&i| needs.memory_type_bits & (1 << i) != 0 && all.memory_types[i as usize].property_flags.contains(seen))
-            .expect("memory that the host sees");
+            .find(|&i| needs.memory_type_bits & (1 << i) != 0 && all.memory_types[i as usize].property_flags.contains(wanted))
+            .expect("memory of this kind");
         let create = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(index);
         host.device.allocate_memory(&create, None).unwrap()
     }
@@ -111,7 +114,8 @@ impl<'a> Texels<'a> {
         // SAFETY: plain Vulkan, in order.
         unsafe {
             let image = host.device.create_image(&create, None).unwrap();
-            let memory = allocate(host, host.device.get_image_memory_requirements(image));
+            // A separate card has no image in memory that its host sees.
+            let memory = allocate(host, host.device.get_image_memory_requirements(image), vk::MemoryPropertyFlags::DEVICE_LOCAL);
             host.device.bind_image_memory(image, memory, 0).unwrap();
             Self { host, image, memory, format, extent, usage }
         }

@@ -126,7 +126,7 @@ impl Raw {
             features: parts.features,
             families: families.len() as u32,
         };
-        Ok(Self::of_parts(None, instance, made, false, options.as_card, Box::default()))
+        Ok(Self::of_parts(instance, made, false, options.as_card, Box::default()))
     }
 }
 
