@@ -9,6 +9,7 @@ use crate::stages::cells::{self, CellMap, Tiles};
 use crate::stages::directions::{Direction, PATTERNS};
 use crate::stages::sweep::Ray;
 use crate::stages::{minify, pack, relight};
+use crate::vk::{Device, Format, ImageDesc};
 
 /// Bytes that small buffers and alignment add to the sum of the large parts.
 pub(super) const SLACK: u64 = 64 << 10;
@@ -46,15 +47,41 @@ impl Need {
     }
 }
 
-/// Bytes of an image of `dims` texels, rows as devices pad them.
+/// Bytes of an image of `dims` texels, rows as lavapipe pads them: for what is said without a device.
 pub(super) fn image_bytes(dims: [u32; 3], texel: u64) -> u64 {
     let [x, y, z] = dims.map(u64::from);
     (x * texel).next_multiple_of(64) * y.next_multiple_of(4) * z
 }
 
-/// Bytes of a volume's image: integers take 16 bits a voxel, floats 32 (see `stages::Encoding`).
-pub(super) fn volume_bytes(volume: &Volume) -> u64 {
-    volume.grid().voxels() * if matches!(volume.samples(), Samples::F32(_)) { 4 } else { 2 }
+/// What images take: by the formula, or with this device's padding, which may be much where images are small.
+#[derive(Clone, Copy)]
+pub(super) struct Padding<'a>(Option<&'a Device>);
+
+impl Padding<'_> {
+    /// Bytes of an image of `dims` texels with levels.
+    fn levels(self, dims: [u32; 3], levels: u32, texel: u64) -> u64 {
+        // Devices pad by the size of a texel, whatever its format.
+        let format = match texel {
+            2 => Format::R16Sfloat,
+            4 => Format::R32Uint,
+            8 => Format::Rgba16Sfloat,
+            16 => Format::Rgba32Sfloat,
+            _ => Format::R8Uint,
+        };
+        let desc = ImageDesc { name: "planned", dims, levels, format, views: &[], storage: true };
+        let formula = || (0..levels).map(|k| image_bytes(minify::level_dims(dims, k), texel)).sum();
+        self.0.and_then(|device| device.image3_bytes(&desc)).unwrap_or_else(formula)
+    }
+
+    /// Bytes of an image of `dims` texels.
+    pub fn image(self, dims: [u32; 3], texel: u64) -> u64 {
+        self.levels(dims, 1, texel)
+    }
+}
+
+/// Bytes of a voxel in a volume's image: integers take 16 bits, floats 32 (see `stages::Encoding`).
+pub(super) fn voxel_bytes(volume: &Volume) -> u64 {
+    if matches!(volume.samples(), Samples::F32(_)) { 4 } else { 2 }
 }
 
 /// Device memory of a field and its making.
@@ -80,7 +107,8 @@ pub(super) struct Share {
 
 impl Cost {
     /// Of a field of `held` bricks, in which `wanted` cells are computed and `matter` cells hold matter.
-    fn new(grid: &Grid, settings: &Visibility, held: u64, (wanted, matter): (u64, u64), loop_limit: u32) -> Result<Self> {
+    fn new(grid: &Grid, settings: &Visibility, held: u64, (wanted, matter): (u64, u64), loop_limit: u32, padding: Padding) -> Result<Self> {
+        let image_bytes = |dims, texel| padding.image(dims, texel);
         let dims = grid.field_dims(settings.ratio as usize);
         let texel = u64::from(pack::formats(settings.bands, settings.bits).0.bytes());
         let groups = pack::groups(settings.bands) as u64;
@@ -93,7 +121,7 @@ impl Cost {
             Method::March => fixed += table(size_of::<Direction>()),
             Method::Hierarchical => {
                 let dims = grid.dims().map(|n| n as u32);
-                fixed += (0..minify::levels(dims)).map(|k| image_bytes(minify::level_dims(dims, k), 2)).sum::<u64>();
+                fixed += padding.levels(dims, minify::levels(dims), 2);
                 fixed += table(size_of::<Direction>());
             }
             Method::Sweep => {
@@ -131,13 +159,14 @@ impl Cost {
 }
 
 /// Bytes of device memory that computing a field takes at most, whatever the matter: (kept for the field, freed at the
-/// end). [`Engine::precompute_memory`] knows the medium and says less.
+/// end). [`Engine::precompute_memory`] knows the medium and says less; it also knows the device, of which some pad images by
+/// more than is counted here.
 pub fn precompute_memory(grid: &Grid, settings: &Visibility) -> (u64, u64) {
     let dims = grid.field_dims(settings.ratio as usize);
     let cells = dims.iter().map(|&n| n as u64).product();
     let held = bricks::directory_dims(dims).iter().map(|&n| n as u64).product();
     // A device without bounded loops refuses no step.
-    let cost = Cost::new(grid, settings, held, (cells, cells), u32::MAX);
+    let cost = Cost::new(grid, settings, held, (cells, cells), u32::MAX, Padding(None));
     cost.map_or((u64::MAX, u64::MAX), |c| (c.kept, c.scratch(&c.share(u64::MAX))))
 }
 
@@ -177,7 +206,7 @@ impl Engine {
             field: cost.kept,
             scratch: cost.scratch(&cost.share(self.free().saturating_sub(cost.kept))),
             least_scratch: cost.least(),
-            picture: pixels.map_or(0, |p| image_bytes(dims, 8) + strip(p) + SLACK),
+            picture: pixels.map_or(0, |p| self.padding().image(dims, 8) + strip(p) + SLACK),
         })
     }
 
@@ -201,7 +230,7 @@ impl Engine {
     /// What the cells of `map` cost.
     pub(super) fn cost(&self, grid: &Grid, settings: &Visibility, map: &CellMap) -> Result<Cost> {
         let held = self.bricks(grid, settings, map).count();
-        Cost::new(grid, settings, held, (map.wanted as u64, map.matter as u64), self.device.loop_limit())
+        Cost::new(grid, settings, held, (map.wanted as u64, map.matter as u64), self.device.loop_limit(), self.padding())
     }
 
     /// What bringing a field back costs.
@@ -214,6 +243,11 @@ impl Engine {
     fn bricks(&self, grid: &Grid, settings: &Visibility, map: &CellMap) -> Bricks {
         let texel = pack::formats(settings.bands, settings.bits).0.bytes();
         Bricks::new(grid.field_dims(settings.ratio as usize), map, texel.into())
+    }
+
+    /// What images take on this device.
+    pub(super) fn padding(&self) -> Padding<'_> {
+        Padding(Some(&self.device))
     }
 
     fn free(&self) -> u64 {

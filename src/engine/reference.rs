@@ -1,6 +1,6 @@
 //! The reference picture: unbiased Monte Carlo single scattering, in passes, until its own standard error is small enough.
 
-use super::budget::{SLACK, image_bytes};
+use super::budget::SLACK;
 use super::{Engine, Medium, Pacer, Progress, in_parts};
 use crate::error::{Error, Result};
 use crate::scene::sky::Sky;
@@ -141,7 +141,7 @@ impl Engine {
     pub(super) fn reference_bytes(&self, medium: &Medium, sky: &Sky, image: &ImageSettings) -> u64 {
         let tables = sky.tables();
         let sky_bytes = (4 * tables.cumulative.len() + 16 * tables.weights.len()) as u64;
-        let majorants = image_bytes(majorant::cells(medium.grid().dims()), 4);
+        let majorants = self.padding().image(majorant::cells(medium.grid().dims()), 4);
         PIXEL * (image.width * image.height) as u64 + sky_bytes + majorants + SLACK
     }
 

@@ -1,6 +1,5 @@
 //! A field under a light.
 
-use super::budget::image_bytes;
 use super::{Engine, Field, Progress, in_parts, quiet, telling};
 use crate::error::Result;
 use crate::scene::Light;
@@ -60,7 +59,7 @@ impl Engine {
         let bricks = field.bricks();
         let dims = relight::dims(bricks);
         let format = relight::format(light.coefficients.iter().all(|l| l[0] == l[1] && l[1] == l[2]));
-        let bytes = image_bytes(dims, format.bytes().into());
+        let bytes = self.padding().image(dims, format.bytes().into());
         self.ask("the irradiance volume", bytes, |_| "compute a coarser field, or allow more memory".into())?;
         let desc = ImageDesc { name: "irradiance", dims, levels: 1, format, views: &[], storage: true };
         let image = self.device.image3(&desc)?;

@@ -202,6 +202,11 @@ impl Device {
         Image::new(&self.0.raw, desc)
     }
 
+    /// Bytes that such an image would take, as this device pads it; nothing for one that it does not make.
+    pub fn image3_bytes(&self, desc: &ImageDesc<'_>) -> Option<u64> {
+        super::image::bytes(&self.0.raw, desc)
+    }
+
     /// Starts to record dispatches.
     ///
     /// # Errors

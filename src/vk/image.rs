@@ -192,27 +192,11 @@ impl Image {
             });
         }
 
-        let mut formats = vec![desc.format];
-        formats.extend(desc.views.iter().copied().filter(|f| *f != desc.format));
+        let formats = formats(desc);
         let list: Vec<_> = formats.iter().map(|f| f.raw()).collect();
         let mut list = vk::ImageFormatListCreateInfo::default().view_formats(&list);
-        let mut usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
-        if desc.storage {
-            usage |= vk::ImageUsageFlags::STORAGE;
-        }
-        let flags = if formats.len() > 1 { vk::ImageCreateFlags::MUTABLE_FORMAT } else { vk::ImageCreateFlags::empty() };
-        check_format(raw, desc, usage, flags)?;
-        let create = vk::ImageCreateInfo::default()
-            .flags(flags)
-            .image_type(vk::ImageType::TYPE_3D)
-            .format(desc.format.raw())
-            .extent(vk::Extent3D { width: desc.dims[0], height: desc.dims[1], depth: desc.dims[2] })
-            .mip_levels(desc.levels)
-            .array_layers(1)
-            .samples(vk::SampleCountFlags::TYPE_1)
-            .tiling(vk::ImageTiling::OPTIMAL)
-            .usage(usage)
-            .push_next(&mut list);
+        let create = create_info(desc, formats.len()).push_next(&mut list);
+        check_format(raw, desc, create.usage, create.flags)?;
         // SAFETY: all pointers of the structure live until the call returns; size, levels and format were checked.
         let handle = unsafe { raw.device.create_image(&create, None) }.map_err(failed("vkCreateImage"))?;
         let mut made = ImageInner {
@@ -343,6 +327,48 @@ impl Sampled<'_> {
     pub(super) fn key(&self) -> ViewKey {
         ViewKey { base: self.base, count: self.count, format: self.format, storage: false }
     }
+}
+
+/// An image's own format, and the others that it is viewed in.
+fn formats(desc: &ImageDesc<'_>) -> Vec<Format> {
+    let mut formats = vec![desc.format];
+    formats.extend(desc.views.iter().copied().filter(|f| *f != desc.format));
+    formats
+}
+
+/// All but the list of its formats, of which there are so many.
+fn create_info(desc: &ImageDesc<'_>, formats: usize) -> vk::ImageCreateInfo<'static> {
+    let mut usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
+    if desc.storage {
+        usage |= vk::ImageUsageFlags::STORAGE;
+    }
+    vk::ImageCreateInfo::default()
+        .flags(if formats > 1 { vk::ImageCreateFlags::MUTABLE_FORMAT } else { vk::ImageCreateFlags::empty() })
+        .image_type(vk::ImageType::TYPE_3D)
+        .format(desc.format.raw())
+        .extent(vk::Extent3D { width: desc.dims[0], height: desc.dims[1], depth: desc.dims[2] })
+        .mip_levels(desc.levels)
+        .array_layers(1)
+        .samples(vk::SampleCountFlags::TYPE_1)
+        .tiling(vk::ImageTiling::OPTIMAL)
+        .usage(usage)
+}
+
+/// Bytes that such an image takes with this device's padding, without making it; nothing for one that it does not make.
+pub(super) fn bytes(raw: &Raw, desc: &ImageDesc<'_>) -> Option<u64> {
+    let formats = formats(desc);
+    let list: Vec<_> = formats.iter().map(|f| f.raw()).collect();
+    let mut list = vk::ImageFormatListCreateInfo::default().view_formats(&list);
+    let create = create_info(desc, formats.len()).push_next(&mut list);
+    if desc.dims.contains(&0) || desc.levels == 0 || check_format(raw, desc, create.usage, create.flags).is_err() {
+        return None;
+    }
+    let mut found = vk::MemoryRequirements2::default();
+    let info = vk::DeviceImageMemoryRequirements::default().create_info(&create);
+    // SAFETY: all pointers of the structures live until the call returns; size, levels and format were checked; maintenance4 is
+    // enabled on every device that is taken.
+    unsafe { raw.device.get_device_image_memory_requirements(&info, &mut found) };
+    Some(found.memory_requirements.size)
 }
 
 /// Asks the driver whether it makes such images.

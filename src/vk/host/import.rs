@@ -10,7 +10,7 @@ use ash::vk::{self, Handle};
 use std::ffi::{CStr, c_char};
 
 /// Device functions that we call and that an old or incomplete loader may lack; the others are of Vulkan 1.0.
-const LATE: [&CStr; 3] = [c"vkQueueSubmit2", c"vkCmdPipelineBarrier2", c"vkCmdWriteTimestamp2"];
+const LATE: [&CStr; 4] = [c"vkQueueSubmit2", c"vkCmdPipelineBarrier2", c"vkCmdWriteTimestamp2", c"vkGetDeviceImageMemoryRequirements"];
 const NAMES: [&CStr; 3] = [c"vkSetDebugUtilsObjectNameEXT", c"vkCmdBeginDebugUtilsLabelEXT", c"vkCmdEndDebugUtilsLabelEXT"];
 
 pub(super) fn null(what: &str) -> Error {
