@@ -16,6 +16,12 @@ const DIRECTIONS: u32 = 16;
 /// Each side of a picture's pilot is this part of the picture's.
 const PART: usize = 8;
 
+/// A picture's pilot of fewer seconds may have taken a dispatch's time and not its pixels': a second of twice the side tells.
+const LATENT: f64 = 0.01;
+
+/// How often each of these is tried.
+const LATENT_TRIES: u32 = 3;
+
 /// Pixels of a reference picture's pilot, if it has as many: its sampling takes longer than its dispatches.
 const TRACED: f64 = 4096.0;
 
@@ -82,7 +88,8 @@ impl Engine {
         layers: bool,
         progress: &mut Progress,
     ) -> Result<Cost> {
-        let small = ImageSettings { width: image.width.div_ceil(PART), height: image.height.div_ceil(PART), ..*image };
+        let part = |n: usize| ImageSettings { width: image.width.div_ceil(n), height: image.height.div_ceil(n), ..*image };
+        let small = part(PART);
         let one = ImageSettings { width: 1, height: 1, ..*image };
         let mut run = |image: &ImageSettings| {
             self.timed(|| {
@@ -97,13 +104,16 @@ impl Engine {
         // Whatever a kernel's first dispatch costs is not the pilot's.
         run(&one)?;
         let taken = run(&small)?;
+        let mut seconds = taken * pixels(image) / pixels(&small);
+        if taken < LATENT {
+            let larger = part(PART / 2);
+            // Whatever else runs makes a try longer, none shorter.
+            let mut least = |image: &ImageSettings| (0..LATENT_TRIES).try_fold(f64::INFINITY, |t, _| Ok(t.min(run(image)?)));
+            seconds = extrapolated([(pixels(&small), least(&small)?), (pixels(&larger), least(&larger)?)], pixels(image));
+        }
         let need = self.need(medium, lit.field().settings(), Some((image.width, image.height)))?;
         let (pixel, behind) = if layers { (16 + size_of::<Behind>(), aov::bytes(image)) } else { (16, 0) };
-        Ok(Cost {
-            kept: pixels(image) as u64 * pixel as u64,
-            passing: need.picture.max(behind),
-            seconds: taken * pixels(image) / pixels(&small),
-        })
+        Ok(Cost { kept: pixels(image) as u64 * pixel as u64, passing: need.picture.max(behind), seconds })
     }
 
     /// What a reference picture would cost: its pilot takes the fewest samples of a smaller one, whose standard error says how
@@ -154,6 +164,35 @@ impl Engine {
     }
 }
 
+/// Seconds of so many pixels after two smaller pictures of (pixels, seconds): what is done once, and what each pixel takes.
+fn extrapolated([(few, first), (more, second)]: [(f64, f64); 2], all: f64) -> f64 {
+    if more <= few {
+        return second * all / more;
+    }
+    // The clock's noise must make none of them negative, nor pixels free.
+    let all_each = second / more;
+    let each = ((second - first) / (more - few)).clamp(0.1 * all_each, all_each);
+    second + each * (all - more).max(0.0)
+}
+
 fn pixels(image: &ImageSettings) -> f64 {
     image.width as f64 * image.height as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::extrapolated;
+
+    #[test]
+    fn what_is_done_once_is_not_multiplied() {
+        let off = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        // Proportional to pixels; all latency; both; and noise.
+        assert!(off(extrapolated([(100.0, 0.1), (400.0, 0.4)], 6400.0), 6.4));
+        assert!(off(extrapolated([(100.0, 7e-5), (400.0, 7e-5)], 6400.0), 2.5 * 7e-5));
+        assert!(off(extrapolated([(100.0, 0.2), (400.0, 0.5)], 6400.0), 6.5));
+        assert!(off(extrapolated([(100.0, 8e-5), (400.0, 7e-5)], 6400.0), 2.5 * 7e-5));
+        assert!(off(extrapolated([(100.0, 0.0), (400.0, 0.5)], 6400.0), 8.0));
+        // A picture of one pixel is its own pilot.
+        assert!(off(extrapolated([(1.0, 0.1), (1.0, 0.1)], 1.0), 0.1));
+    }
 }

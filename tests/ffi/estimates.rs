@@ -82,8 +82,9 @@ fn fields_cost_what_was_said() {
         let info = hl_precompute_info { method, directions, measure_seconds: 1.0, ..quick(null_mut()) };
         let plain = fields(name, 48, &info);
         let measured = fields(&format!("{name}, measured"), 48, &hl_precompute_info { measure: 1, ..info });
-        // Sabotage: what is measured is not what is not.
-        assert!(measured.seconds > plain.seconds + 0.3 && measured.result == plain.result, "{}", measured.seconds);
+        // Sabotage: what is measured is not what is not. A card (kind 3 is a CPU) has seen all its probes before the second is over.
+        let more = if device(Engine::new().0).kind == 3 { 0.3 } else { plain.seconds };
+        assert!(measured.seconds > plain.seconds + more && measured.result == plain.result, "{}", measured.seconds);
     }
     let info = hl_precompute_info { directions: 2048, ..quick(null_mut()) };
     let [whole, passes] =
