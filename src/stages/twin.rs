@@ -31,37 +31,36 @@ pub fn filtered<T>(filtering: Option<Filtering>, twin: impl FnOnce() -> T) -> T 
 pub fn texture(dims: [usize; 3], p: [f32; 3], get: impl Fn([usize; 3]) -> f32) -> f32 {
     match FILTERING.get() {
         None => trilinear(dims, p, get),
-        Some(filtering) => trilinear_of(dims, p, |w| filtering.round(w), get),
+        // Places beyond the outermost centres count as these.
+        Some(filtering) => {
+            let p = std::array::from_fn(|a| p[a].clamp(0.5, dims[a] as f32 - 0.5));
+            trilinear_of(dims, p, |f| filtering.weights(f), get)
+        }
     }
 }
 
 /// Trilinear value at voxel coordinates `p`, clamped to the edge; `get` returns a texel by (clamped) index.
 pub fn trilinear(dims: [usize; 3], p: [f32; 3], get: impl Fn([usize; 3]) -> f32) -> f32 {
-    trilinear_of(dims, p, |w| w, get)
+    let product = |f: [f32; 3]| std::array::from_fn(|i| (0..3).map(|a| if i >> a & 1 == 1 { f[a] } else { 1.0 - f[a] }).product());
+    trilinear_of(dims, p, product, get)
 }
 
-fn trilinear_of(dims: [usize; 3], p: [f32; 3], round: impl Fn(f32) -> f32, get: impl Fn([usize; 3]) -> f32) -> f32 {
+/// `weights` of the eight texels around, x least, by the place between them.
+fn trilinear_of(dims: [usize; 3], p: [f32; 3], weights: impl Fn([f32; 3]) -> [f32; 8], get: impl Fn([usize; 3]) -> f32) -> f32 {
     let mut lo = [0usize; 3];
     let mut hi = [0usize; 3];
     let mut f = [0f32; 3];
     for a in 0..3 {
         let q = p[a] - 0.5;
         let base = q.floor();
-        f[a] = round(q - base);
+        f[a] = q - base;
         lo[a] = (base as i64).clamp(0, dims[a] as i64 - 1) as usize;
         hi[a] = (base as i64 + 1).clamp(0, dims[a] as i64 - 1) as usize;
     }
     let mut sum = 0.0;
-    for i in 0..8 {
-        let mut w = 1.0;
-        let mut at = [0usize; 3];
-        for a in 0..3 {
-            let upper = i >> a & 1 == 1;
-            w *= if upper { f[a] } else { 1.0 - f[a] };
-            at[a] = if upper { hi[a] } else { lo[a] };
-        }
+    for (i, w) in weights(f).into_iter().enumerate() {
         if w != 0.0 {
-            sum += w * get(at);
+            sum += w * get(std::array::from_fn(|a| if i >> a & 1 == 1 { hi[a] } else { lo[a] }));
         }
     }
     sum
