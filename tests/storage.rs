@@ -10,6 +10,7 @@ use halflight::scene::{Camera, Grid, ImageSettings, Light, Matter, Probe, Shadin
 use halflight::stages::bricks::Bricks;
 use halflight::stages::cells::CellMap;
 use halflight::stages::{pack, relight};
+use halflight::vk::DeviceKind;
 
 /// Balls of radius `r` voxels of which the first lies off the centre, in a void.
 fn balls(dims: [usize; 3], r: f64, count: usize) -> Volume {
@@ -98,7 +99,9 @@ fn pictures_are_those_of_a_dense_field() {
                 "1:{ratio}: {difference} of {bright} at {at}, mean {mean}"
             );
             if ratio == 1 {
-                assert!(2 * bricks.1 < dense.1 && bricks.2 <= dense.2, "{:?} {:?}", (bricks.1, bricks.2), (dense.1, dense.2));
+                // Cards pad images of this size to some half megabyte each.
+                let times = if engine.device().kind == DeviceKind::Cpu { 2 } else { 1 };
+                assert!(times * bricks.1 < dense.1 && bricks.2 <= dense.2, "{:?} {:?}", (bricks.1, bricks.2), (dense.1, dense.2));
             }
         }
     }
