@@ -3,7 +3,8 @@
 //! an isosurface, printed beside the paper's own figures.
 //!
 //! `cargo bench --bench paper -- VOLUME [--iso VALUE] [--ratios 8,4,2,1] [--limit SECONDS] [--json FILE]` or
-//! `... VOLUME --frames N` for the frame rate of a turning camera. Without VOLUME: something short on the demo volume.
+//! `... VOLUME --frames N` for the frame rate of a turning camera, or `... VOLUME --edits N` for the time from a changed transfer
+//! function to the picture under its own field. Without VOLUME: something short on the demo volume.
 
 use halflight::engine::{DeviceInfo, DeviceVolume, Engine, Field, Lit, Medium, Options};
 use halflight::io::{ReadOptions, read_volume};
@@ -21,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-const USAGE: &str = "usage: paper [VOLUME] [--iso VALUE] [--ratios 8,4,2,1] [--limit SECONDS] [--json FILE] [--frames N]";
+const USAGE: &str = "usage: paper [VOLUME] [--iso VALUE] [--ratios 8,4,2,1] [--limit SECONDS] [--json FILE] [--frames N | --edits N]";
 
 /// The paper's Engine on a GeForce 8800 GTX: ratio, MB, setup seconds (DVR, ISO), frame milliseconds (DVR, ISO).
 const PAPER: [(u32, u32, [f64; 2], [f64; 2]); 4] = [
@@ -43,13 +44,14 @@ struct Arguments {
     limit: f64,
     json: Option<PathBuf>,
     frames: Option<u32>,
+    edits: Option<u32>,
     /// Only whether it runs.
     test: bool,
 }
 
 /// `None`: the words are meant for another bench.
 fn arguments() -> Result<Option<Arguments>, Failure> {
-    let mut a = Arguments { volume: None, iso: None, ratios: Vec::new(), limit: 600.0, json: None, frames: None, test: true };
+    let mut a = Arguments { volume: None, iso: None, ratios: Vec::new(), limit: 600.0, json: None, frames: None, edits: None, test: true };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or_else(|| format!("{word} lacks its value\n{USAGE}"));
@@ -65,6 +67,7 @@ fn arguments() -> Result<Option<Arguments>, Failure> {
             "--limit" => a.limit = value()?.parse().map_err(|e| format!("--limit: {e}"))?,
             "--json" => a.json = Some(value()?.into()),
             "--frames" => a.frames = Some(value()?.parse().map_err(|e| format!("--frames: {e}"))?),
+            "--edits" => a.edits = Some(value()?.parse().map_err(|e| format!("--edits: {e}"))?),
             _ if word.starts_with('-') => return Err(format!("unknown option {word}\n{USAGE}").into()),
             _ if Path::new(&word).exists() || word.contains(['/', '.']) => a.volume = Some(word.into()),
             _ => {
@@ -110,8 +113,13 @@ impl<'a> Scene<'a> {
 
     /// Opacity per voxel over the data's range as bytes: 0 up to 70, 0.15 at 120, 0.6 from 200 on.
     fn dvr(&self) -> Result<Medium, Error> {
+        self.dvr_of(1.0)
+    }
+
+    /// The same with all opacities times `strength`.
+    fn dvr_of(&self, strength: f64) -> Result<Medium, Error> {
         let [lo, hi] = self.volume.range().map(f64::from);
-        let point = |byte: f64, alpha: f64| [lo + (hi - lo) * byte / 255.0, 0.8, 0.7, 0.5, alpha];
+        let point = |byte: f64, alpha: f64| [lo + (hi - lo) * byte / 255.0, 0.8, 0.7, 0.5, strength * alpha];
         let points = [point(70.0, 0.0), point(120.0, 0.15), point(200.0, 0.6)];
         let transfer = Transfer::from_points(&points, Kind::Opacity, Reference::Voxel)?;
         self.engine.classify(&self.volume, &Matter { transfer, surface: None })
@@ -339,6 +347,68 @@ fn turn(scene: &Scene, count: u32) -> Result<Value, Failure> {
     }))
 }
 
+/// From a changed transfer function to the picture: classification, field, light and frame, each time with other opacities.
+fn edits(scene: &Scene, count: u32) -> Result<Vec<Value>, Failure> {
+    println!(
+        "| field | field MiB | classified and computed ms, wall | lit and rendered ms, wall | together ms, wall | together ms, device |"
+    );
+    println!("|---|---|---|---|---|---|");
+    let sweep = |ratio, directions, near, step, fit| Visibility {
+        method: Method::Sweep,
+        ratio,
+        directions,
+        near,
+        step,
+        fit,
+        ..Visibility::default()
+    };
+    let fields = [
+        ("sweep N = 64, near 1, step 2, 1:4", sweep(4, 64, 1, 2.0, 0)),
+        ("sweep N = 128, near 2, step 1, 1:4", sweep(4, 128, 2, 1.0, 0)),
+        ("sweep N = 128, near 1, step 1, 1:4, fit = 8", sweep(4, 128, 1, 1.0, 8)),
+        ("sweep N = 128, near 1, step 1, 1:2, fit = 8", sweep(2, 128, 1, 1.0, 8)),
+        ("sweep N = 64, near 1, step 1, 1:1", sweep(1, 64, 1, 1.0, 0)),
+    ];
+    let mut rows = Vec::new();
+    for (name, settings) in fields {
+        let (mut all, mut computed, mut bytes) = (Vec::new(), Vec::new(), 0);
+        // The first of each warms up.
+        for i in 0..=count.max(1) {
+            scene.engine.take_timings();
+            let start = Instant::now();
+            let medium = scene.dvr_of(0.9 + 0.05 * f64::from(i % 5))?;
+            let field = scene.engine.precompute(&medium, &settings, &mut |_, _| ControlFlow::Continue(()))?;
+            let wall = start.elapsed().as_secs_f64();
+            let lit = scene.engine.relight(&field, &scene.light)?;
+            let progress = &mut |_: &'static str, _: f32| ControlFlow::Continue(());
+            let picture = scene.engine.render(&medium, &lit, &scene.camera(0.0), &scene.image, progress)?;
+            let together = Time { device: device_seconds(scene.engine), wall: start.elapsed().as_secs_f64() };
+            if picture.rgba.iter().all(|p| p[3] == 0.0) {
+                return Err("the picture shows nothing".into());
+            }
+            bytes = field.bytes();
+            if i > 0 {
+                computed.push(Time { device: None, wall });
+                all.push(together);
+            }
+        }
+        let (computed, all) = (median(computed), median(all));
+        println!(
+            "| {name} | {} | {} | {} | {} | {} |",
+            digits(bytes as f64 / f64::from(1 << 20)),
+            digits(1e3 * computed.wall),
+            digits(1e3 * (all.wall - computed.wall)),
+            digits(1e3 * all.wall),
+            or_dash(all.device.map(|s| 1e3 * s)),
+        );
+        rows.push(json!({
+            "matter": format!("DVR edited, {name}"), "ratio": settings.ratio, "field_bytes": bytes,
+            "computed_wall_s": computed.wall, "edit_wall_s": all.wall, "edit_device_s": all.device,
+        }));
+    }
+    Ok(rows)
+}
+
 /// Every time of the result, by row and key.
 fn record(device: &DeviceInfo, volume: &str, result: &Value) -> Record {
     let mut record = Record::new("paper", device);
@@ -375,7 +445,7 @@ fn run() -> Result<(), Failure> {
     let (info, d) = (engine.device(), scene.grid.dims());
     let cores = std::thread::available_parallelism().map_or(0, usize::from);
     println!("halflight {}; {}; {}; {cores} processor cores", env!("CARGO_PKG_VERSION"), info.name, info.driver);
-    let how = match a.frames {
+    let how = match a.frames.or(a.edits) {
         Some(count) => format!("pictures of {}x{}, median of {count}", size.0, size.1),
         None => format!(
             "{DIRECTIONS} directions, hierarchical, jittered; pictures of {}x{}, median of {repeats}; iso {}",
@@ -384,9 +454,10 @@ fn run() -> Result<(), Failure> {
     };
     println!("{name}, {}x{}x{} voxels; {how}", d[0], d[1], d[2]);
     println!();
-    let result = match a.frames {
-        Some(count) => turn(&scene, count)?,
-        None => Value::Array(table(&scene, &a)?),
+    let result = match (a.frames, a.edits) {
+        (Some(count), _) => turn(&scene, count)?,
+        (None, Some(count)) => Value::Array(edits(&scene, count)?),
+        (None, None) => Value::Array(table(&scene, &a)?),
     };
     if !a.test {
         let path = record(info, &name, &result).write(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/records")))?;

@@ -48,7 +48,7 @@ impl Need {
 }
 
 /// Bytes of an image of `dims` texels, rows as lavapipe pads them: for what is said without a device.
-pub(super) fn image_bytes(dims: [u32; 3], texel: u64) -> u64 {
+fn image_bytes(dims: [u32; 3], texel: u64) -> u64 {
     let [x, y, z] = dims.map(u64::from);
     (x * texel).next_multiple_of(64) * y.next_multiple_of(4) * z
 }
@@ -125,9 +125,10 @@ impl Cost {
                 fixed += table(size_of::<Direction>());
             }
             Method::Sweep => {
-                fixed += groups * image_bytes(cells::slot_dims(wanted), 16) + image_bytes(dims.map(|n| n as u32), 4);
+                let sums = groups * image_bytes(cells::slot_dims(wanted), 16);
+                fixed += sums + image_bytes(dims.map(|n| n as u32), 4);
                 fixed += Tiles::bytes(dims) + table(size_of::<Ray>());
-                fixed += fit::bytes(settings, matter, wanted, dims.iter().map(|&n| n as u64).product());
+                fixed += fit::bytes(settings, (matter, wanted, dims.iter().map(|&n| n as u64).product()), sums);
                 if wanted > 0 {
                     ring = [sweep::ring_bytes(dims, settings.near), sweep::most_ring(grid, settings, loop_limit)?];
                 }

@@ -40,17 +40,17 @@ pub(super) struct Fit {
     places: Buffer,
 }
 
-/// Device bytes of a fit, at most: `matter` cells hold matter, `wanted` are fitted, of `all`.
-pub(super) fn bytes(settings: &Visibility, matter: u64, wanted: u64, all: u64) -> u64 {
+/// Device bytes of a fit, at most: `matter` cells hold matter, `wanted` are fitted, of `all`; their images take what the sweep's
+/// `sums` take.
+pub(super) fn bytes(settings: &Visibility, (matter, wanted, all): (u64, u64, u64), sums: u64) -> u64 {
     if settings.fit == 0 {
         return 0;
     }
     let kept = settings.coefficients() as u64;
-    let groups = coefficient_groups(settings.bands) as u64;
     let points = matter * u64::from(settings.fit);
     let drawn = (DRAWN as u64).min(matter) * (4 + 16 * u64::from(settings.fit));
     let solver = wanted * (27 * 4 + 4 * kept + 3 * 16 + 8);
-    8 * all + 12 * matter + points * (16 + 4 * kept) + drawn.max(solver) + groups * super::budget::image_bytes(cells::slot_dims(wanted), 16)
+    8 * all + 12 * matter + points * (16 + 4 * kept) + drawn.max(solver) + sums
 }
 
 impl Fit {
