@@ -264,7 +264,9 @@ fn real_volumes_take_what_they_hold() {
         let (kept, scratch) = engine.precompute_memory(&medium, &v).expect("known settings");
         let dense = halflight::engine::precompute_memory(volume.grid(), &v);
         println!("{name} 1:{ratio}: {kept} kept of {}, {scratch} while it is made of {}", dense.0, dense.1);
-        assert!((kept as f64) < most * dense.0 as f64, "{kept} of {}", dense.0);
+        // Cards pad each of the five images by up to some half a megabyte.
+        let padding = if engine.device().kind == DeviceKind::Cpu { 0.0 } else { f64::from(2 << 20) };
+        assert!((kept as f64) < most * dense.0 as f64 + padding, "{kept} of {}", dense.0);
     }
 }
 

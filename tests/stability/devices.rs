@@ -52,16 +52,21 @@ fn numbers(engine: &Engine) -> Vec<Vec<f32>> {
 fn child_writes_its_numbers() {
     let Some(path) = std::env::var_os(CHILD) else { return };
     let engine = engine();
-    println!("{DRIVER}{}", engine.device().driver);
+    println!("{DRIVER}{}\n{STEPS}{}", engine.device().driver, steps(&engine).unwrap_or(0));
     let bytes: Vec<u8> = numbers(&engine).iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(path, bytes).expect("written");
 }
 
-/// What a child prints before its driver's name.
+/// What a child prints before its driver's name, and before the steps that it interpolates in.
 const DRIVER: &str = "driver: ";
+const STEPS: &str = "steps: ";
 
-/// The numbers of a child with these variables set, and its driver.
-fn child(variables: &[(&str, &str)]) -> (Vec<f32>, String) {
+fn steps(engine: &Engine) -> Option<u32> {
+    engine.filtering().expect("filtering").map(|f| f.steps)
+}
+
+/// The numbers of a child with these variables set, its driver, and the steps that it interpolates in.
+fn child(variables: &[(&str, &str)]) -> (Vec<f32>, String, Option<u32>) {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("numbers");
     let output = Command::new(std::env::current_exe().expect("this test"))
@@ -72,10 +77,11 @@ fn child(variables: &[(&str, &str)]) -> (Vec<f32>, String) {
         .expect("the child starts");
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{variables:?}: {said}");
-    let (_, driver) = said.split_once(DRIVER).expect("the child's driver");
+    let line = |after: &str| said.split_once(after).and_then(|(_, rest)| rest.lines().next()).expect("the child's driver").to_owned();
+    let steps = line(STEPS).parse().expect("a number");
     let bytes = std::fs::read(path).expect("the child wrote");
     let numbers = bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-    (numbers, driver.lines().next().unwrap_or_default().to_owned())
+    (numbers, line(DRIVER), (steps > 0).then_some(steps))
 }
 
 /// √(Σ(a − b)²/Σb²) and the largest difference.
@@ -84,8 +90,10 @@ fn differences(a: &[f32], b: &[f32]) -> (f64, f64) {
     ((d / s).sqrt(), a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max))
 }
 
-/// Asserts that each part of `other` is that of `reference`.
-fn agree(name: &str, other: &[f32], reference: &[Vec<f32>]) {
+/// Asserts that each part of `other` is that of `reference`. Where one of the devices interpolates in so many `steps`, and not
+/// exactly, samples differ by a part of a step: an NVIDIA H200's fields in 256 steps from lavapipe's by at most 2.2e-4 in smooth
+/// matter, and by 7.6e-3 beside an opaque edge.
+fn agree(name: &str, other: &[f32], reference: &[Vec<f32>], steps: Option<u32>) {
     assert_eq!(other.len(), reference.iter().map(Vec::len).sum::<usize>());
     let mut at = 0;
     for (k, part) in reference.iter().enumerate() {
@@ -93,7 +101,8 @@ fn agree(name: &str, other: &[f32], reference: &[Vec<f32>]) {
         at += part.len();
         println!("{name}, part {k}: relative {relative:.1e}, worst {worst:.1e}");
         // exp and division differ by a few ulp over some 50 steps; beside an opaque edge single rays of 96 may flip.
-        let most = if k < reference.len() / 2 { SMOOTH } else { OPAQUE };
+        let step = steps.map_or(0.0, |s| 1.0 / f64::from(s));
+        let most = if k < reference.len() / 2 { SMOOTH + 0.1 * step } else { OPAQUE + 2.0 * step };
         assert!(relative < most, "{name}, part {k}: {relative}");
     }
 }
@@ -113,7 +122,7 @@ fn other_vectors_and_threads_give_the_same_numbers() {
     assert!(flat.iter().all(|v| v.is_finite()));
     assert!(child(&[("LP_NUM_THREADS", "1")]).0.iter().zip(&flat).all(|(a, b)| a.to_bits() == b.to_bits()), "one thread gives other bits");
     for width in ["128", "256"] {
-        agree(&format!("vectors of {width} bits"), &child(&[("LP_NATIVE_VECTOR_WIDTH", width)]).0, &reference);
+        agree(&format!("vectors of {width} bits"), &child(&[("LP_NATIVE_VECTOR_WIDTH", width)]).0, &reference, None);
     }
     // Sabotage: a tenth more extinction is not within it.
     let (_, denser) = load(&here, &blobs(oblique([19, 14, 11]), 23), &linear(0.77));
@@ -137,9 +146,9 @@ fn another_driver_gives_the_same_numbers() {
     let reference = numbers(&here);
     // Each name is read by some loaders only.
     let variables = [("VK_DRIVER_FILES", &*manifest), ("VK_ICD_FILENAMES", &manifest), ("LD_LIBRARY_PATH", &libraries)];
-    let (other, driver) = child(&variables);
+    let (other, driver, others) = child(&variables);
     assert_ne!(driver, here.device().driver, "{manifest} is the driver that the tests run on");
-    agree(&driver, &other, &reference);
+    agree(&driver, &other, &reference, steps(&here).or(others));
 }
 
 #[test]
@@ -149,11 +158,12 @@ fn every_device_of_this_machine_gives_the_same_numbers() {
         println!("skipped: {} is the only device", all[0].name);
         return;
     }
-    let reference = numbers(&engine());
+    let here = engine();
+    let reference = numbers(&here);
     for info in &all {
         let options = Options { device: Some(info.index.to_string()), ..Options::default() };
         match Engine::new(&options) {
-            Ok(other) => agree(&info.name, &numbers(&other).concat(), &reference),
+            Ok(other) => agree(&info.name, &numbers(&other).concat(), &reference, steps(&here).or(steps(&other))),
             Err(error) => println!("skipped: {error}"),
         }
     }
