@@ -76,6 +76,9 @@ fn arguments() -> Result<Option<Arguments>, Failure> {
             }
         }
     }
+    if a.frames.is_some() && a.edits.is_some() {
+        return Err(format!("--frames and --edits are two benches\n{USAGE}").into());
+    }
     if a.ratios.is_empty() {
         a.ratios = if a.volume.is_some() { vec![8, 4, 2, 1] } else { vec![8, 4] };
     }
@@ -363,11 +366,11 @@ fn edits(scene: &Scene, count: u32) -> Result<Vec<Value>, Failure> {
         ..Visibility::default()
     };
     let fields = [
-        ("sweep N = 64, near 1, step 2, 1:4", sweep(4, 64, 1, 2.0, 0)),
-        ("sweep N = 128, near 2, step 1, 1:4", sweep(4, 128, 2, 1.0, 0)),
-        ("sweep N = 128, near 1, step 1, 1:4, fit = 8", sweep(4, 128, 1, 1.0, 8)),
-        ("sweep N = 128, near 1, step 1, 1:2, fit = 8", sweep(2, 128, 1, 1.0, 8)),
-        ("sweep N = 64, near 1, step 1, 1:1", sweep(1, 64, 1, 1.0, 0)),
+        ("sweep N = 64, near 1, step 2", sweep(4, 64, 1, 2.0, 0)),
+        ("sweep N = 128, near 2, step 1", sweep(4, 128, 2, 1.0, 0)),
+        ("sweep N = 128, near 1, step 1, fit = 8", sweep(4, 128, 1, 1.0, 8)),
+        ("sweep N = 128, near 1, step 1, fit = 8", sweep(2, 128, 1, 1.0, 8)),
+        ("sweep N = 64, near 1, step 1", sweep(1, 64, 1, 1.0, 0)),
     ];
     let mut rows = Vec::new();
     for (name, settings) in fields {
@@ -394,7 +397,8 @@ fn edits(scene: &Scene, count: u32) -> Result<Vec<Value>, Failure> {
         }
         let (computed, all) = (median(computed), median(all));
         println!(
-            "| {name} | {} | {} | {} | {} | {} |",
+            "| {name}, 1:{} | {} | {} | {} | {} | {} |",
+            settings.ratio,
             digits(bytes as f64 / f64::from(1 << 20)),
             digits(1e3 * computed.wall),
             digits(1e3 * (all.wall - computed.wall)),

@@ -136,6 +136,8 @@ void main() {
     // Lanes wait for each other.
     if (LANES == 1u && outside) return;
 
+    // Of cells outside nothing is kept; the nearest inside is looked at.
+    at = min(at, uvec2(width, height) - 1u);
     vec3 scale = 1.0 / volume_dims;
     uvec3 first;
     first[AXIS] = slice;

@@ -64,15 +64,11 @@ impl Aside {
         #[cfg(target_os = "linux")]
         if Path::new(OPEN).exists() {
             use rustix::fs::{Mode, OFlags, open};
-            if let Ok(file) = open(folder, OFlags::WRONLY | OFlags::TMPFILE | OFlags::CLOEXEC, Mode::from(0o666)) {
+            if let Ok(file) = open(folder, OFlags::RDWR | OFlags::TMPFILE | OFlags::CLOEXEC, Mode::from(0o666)) {
                 return Ok(Self::Unnamed(file.into()));
             }
         }
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(PREFIX);
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        builder.tempfile_in(folder).map(Self::Named)
+        named(folder).map(Self::Named)
     }
 
     fn file(&self) -> &File {
@@ -86,19 +82,40 @@ impl Aside {
     fn rename(self, target: &Path) -> std::io::Result<()> {
         match self {
             #[cfg(target_os = "linux")]
-            Self::Unnamed(file) => {
+            Self::Unnamed(mut file) => {
                 use rustix::fs::{AtFlags, CWD, linkat};
                 use std::os::fd::AsRawFd;
-                // A link cannot take another file's place, but a rename can.
                 let from = format!("{OPEN}/{}", file.as_raw_fd());
-                let link = |to: &Path| Ok(linkat(CWD, &from, CWD, to, AtFlags::SYMLINK_FOLLOW)?);
-                let linked = tempfile::Builder::new().prefix(PREFIX).make_in(folder_of(target), link)?;
-                linked.persist(target).map_err(|e| e.error)?;
+                link_or_copy(&mut file, target, |to| Ok(linkat(CWD, &from, CWD, to, AtFlags::SYMLINK_FOLLOW)?))
             }
-            Self::Named(file) => drop(file.persist(target).map_err(|e| e.error)?),
+            Self::Named(file) => file.persist(target).map(drop).map_err(|e| e.error),
         }
-        Ok(())
     }
+}
+
+/// Gives a file without a name its place. A link cannot take another file's place, but a rename can. Where the file system knows
+/// files without a name and no links, the file is copied.
+#[cfg(target_os = "linux")]
+fn link_or_copy(file: &mut File, target: &Path, link: impl FnMut(&Path) -> std::io::Result<()>) -> std::io::Result<()> {
+    let folder = folder_of(target);
+    if let Ok(linked) = tempfile::Builder::new().prefix(PREFIX).make_in(folder, link) {
+        return linked.persist(target).map(drop).map_err(|e| e.error);
+    }
+    let mut copy = named(folder)?;
+    file.rewind()?;
+    std::io::copy(file, &mut copy)?;
+    copy.as_file().set_permissions(file.metadata()?.permissions())?;
+    copy.as_file().sync_data()?;
+    copy.persist(target).map(drop).map_err(|e| e.error)
+}
+
+/// A file beside others, which goes again unless it is renamed.
+fn named(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX);
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
 }
 
 /// Where Linux names open files.
@@ -119,7 +136,7 @@ fn old_permissions(_: &Path) -> Option<Permissions> {
     None
 }
 
-/// A file that fails at the process's limit of file sizes, where the system would end the process (SIGXFSZ).
+/// A file that fails at the process's limit of file sizes, where the system would end a process that does not catch SIGXFSZ.
 pub struct Bounded<'a> {
     file: &'a File,
     at: u64,
@@ -199,14 +216,34 @@ mod tests {
         let names = || std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
         let target = folder.path().join("out");
         std::fs::write(&target, b"old").unwrap();
-        let named = Aside::Named(tempfile::Builder::new().prefix(PREFIX).tempfile_in(folder.path()).unwrap());
-        for aside in [named, Aside::new(folder.path()).unwrap()] {
+        let best = Aside::new(folder.path()).unwrap();
+        #[cfg(target_os = "linux")]
+        {
+            use rustix::fs::{Mode, OFlags, open};
+            let known = open(folder.path(), OFlags::RDWR | OFlags::TMPFILE, Mode::RUSR | Mode::WUSR).is_ok();
+            assert_eq!(matches!(best, Aside::Unnamed(_)), known, "files without a name are used where there are such");
+        }
+        for aside in [Aside::Named(named(folder.path()).unwrap()), best] {
             let unnamed = !matches!(aside, Aside::Named(_));
             assert_eq!(names().len(), if unnamed { 1 } else { 2 });
             aside.file().write_all(b"new").unwrap();
             assert_eq!(std::fs::read(&target).unwrap(), b"old");
             aside.rename(&target).unwrap();
             assert_eq!((std::fs::read(&target).unwrap(), names().len()), (b"new".to_vec(), 1));
+            std::fs::write(&target, b"old").unwrap();
+        }
+        // Where no link is to be had.
+        #[cfg(target_os = "linux")]
+        {
+            let mut file = tempfile::tempfile_in(folder.path()).unwrap();
+            file.write_all(b"new").unwrap();
+            file.set_permissions(std::os::unix::fs::PermissionsExt::from_mode(0o640)).unwrap();
+            link_or_copy(&mut file, &target, |_| Err(std::io::ErrorKind::PermissionDenied.into())).unwrap();
+            use std::os::unix::fs::PermissionsExt;
+            assert_eq!(
+                (std::fs::read(&target).unwrap(), target.metadata().unwrap().permissions().mode() & 0o777),
+                (b"new".to_vec(), 0o640)
+            );
             std::fs::write(&target, b"old").unwrap();
         }
         // What fails on its way leaves the old.

@@ -59,6 +59,32 @@ fn the_sweep_equals_its_twin() {
     }
 }
 
+/// Lanes share directions, and runs of tiles are swept whole, on separate cards: with void to carry through, every number of
+/// bands, fitted and not.
+#[test]
+fn a_card_sweeps_the_same_field() {
+    let [engine, card] = both_ways();
+    for grid in awkward_grids([44, 36, 28]) {
+        let n = grid.dims().map(|n| n as f64);
+        // A ball in a corner: tiles of both kinds, and some of both in a slice.
+        let volume = Volume::from_fn(grid, |p| {
+            let d2: f64 = (0..3).map(|a| ((p[a] / n[a] - 0.3) * n[0] / 6.0).powi(2)).sum();
+            (1.5 - d2).clamp(0.0, 1.0) as f32
+        });
+        let volume = volume.expect("a volume");
+        let media = [&engine, &card].map(|e| load(e, &volume, &linear(0.8)).1);
+        for (near, ratio, bands, fit) in [(1, 1, 4, 0), (2, 2, 4, 3), (3, 1, 3, 0), (2, 1, 2, 3), (1, 2, 1, 0)] {
+            let v = Visibility { cells: Cells::Matter, bands, fit, directions: 70, ..settings(near, 70, ratio) };
+            let [cpu, wide] = [(&engine, &media[0]), (&card, &media[1])].map(|(e, medium)| {
+                let field = e.precompute(medium, &v, &mut quiet).expect("field");
+                e.read_field(&field).expect("read")
+            });
+            let (difference, at) = worst(&cpu, &wide);
+            assert!(cpu.iter().any(|c| *c != 0.0) && difference < 1e-4, "{near} 1:{ratio} {bands} bands, fit {fit}: {difference} at {at}");
+        }
+    }
+}
+
 #[test]
 fn a_homogeneous_medium_attenuates_by_its_chord() {
     let engine = engine();

@@ -52,7 +52,6 @@ const SURFACE_DEPTH: f64 = 64.0;
 pub struct Engine {
     device: vk::Device,
     account: Mutex<Account>,
-    pace: render::Pace,
 }
 
 /// Device time that was seen.
@@ -237,7 +236,7 @@ impl Engine {
     fn on(device: vk::Device) -> Result<Self> {
         match device.lacking(&host::requirements()) {
             Some(lacks) => Err(Error::DeviceLacks { device: device.info().name.clone(), lacks }),
-            None => Ok(Self { device, account: Mutex::default(), pace: Default::default() }),
+            None => Ok(Self { device, account: Mutex::default() }),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Pictures: direct volume rendering and isosurfaces, strip by strip, in dispatches of bounded time.
 
-use super::{DISPATCH_SECONDS, Engine, Lit, Medium, Pacer, Progress};
+use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::scene::{Camera, Grid, ImageSettings, Picture, Surface};
 use crate::stages::occupancy::Leap;
@@ -9,7 +9,6 @@ use crate::stages::resolve::Form;
 use crate::stages::{isosurface, raymarch, resolve};
 use crate::vk::{Access, Buffer};
 use std::ops::ControlFlow;
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Pixels that are rendered together; bounds the memory of their state to 16 MiB.
@@ -20,13 +19,6 @@ const ROW_SAMPLES: u32 = 1 << 22;
 
 /// Samples of a dispatch, at most (but one row).
 pub(super) const MOST_SAMPLES: u64 = 1 << 26;
-
-/// Samples of a dispatch that a picture before has shown to be fast, at most (but one row).
-const MOST_KNOWN_SAMPLES: u64 = 1 << 30;
-
-/// Samples a second, as [`MOST_SAMPLES`] counts them, of the slowest strip of the last picture: of media, and of surfaces. 0 where
-/// there was none.
-pub(super) type Pace = Mutex<[f64; 2]>;
 
 /// A picture about to be rendered: what was checked and made for it.
 pub(super) struct Shot<'a> {
@@ -157,17 +149,14 @@ impl Engine {
         let encoding = medium.volume.0.encoding;
         let settings = lit.field().settings();
 
-        // The last picture's pace, with room for a camera that sees more.
-        let pace = || self.pace.lock().unwrap_or_else(PoisonError::into_inner);
-        let kind = usize::from(surface.is_some());
-        let known = ((0.25 * DISPATCH_SECONDS * pace()[kind]) as u64).min(MOST_KNOWN_SAMPLES);
         let row_samples = u64::from(width) * steps.min(u64::from(segment));
-        // Where nothing is known of how long a row takes: fewer to begin with where rays are long.
-        let first = (u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1)).clamp(1, 8).max(known / row_samples);
         // Rows that miss the volume take no time: those behind them must not come all at once.
-        let most = (MOST_SAMPLES.max(known) / row_samples).clamp(1, u64::from(shot.most));
+        let most = (MOST_SAMPLES / row_samples).clamp(1, u64::from(shot.most));
+        // Nothing is known yet of how long a row takes: fewer to begin with where rays are long. Cards take the most in
+        // milliseconds, and wait between dispatches for longer.
+        let few = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
+        let first = if self.device.is_card() { most } else { few.clamp(1, 8) };
         let mut pacer = Pacer::new(first.min(most) as u32, most as u32);
-        let mut slowest = f64::INFINITY;
         let mut row = 0;
         tell(0.0)?;
         while row < height {
@@ -218,15 +207,12 @@ impl Engine {
             }
             resolve::record(&mut rec, *form, state, pixels, rows * width)?;
             rec.submit()?;
-            let seconds = start.elapsed().as_secs_f64();
-            pacer.took(rows, seconds);
-            slowest = slowest.min((u64::from(rows) * steps * u64::from(width)) as f64 / seconds.max(1e-6));
+            pacer.took(rows, start.elapsed().as_secs_f64());
             let depth = surface.as_ref().map(|(_, _, depth)| depth);
             each(Strip { first_row: row, rows, pixels, depth })?;
             row += rows;
             tell(f64::from(row) / f64::from(height))?;
         }
-        pace()[kind] = slowest;
         Ok(())
     }
 }

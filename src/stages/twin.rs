@@ -16,15 +16,20 @@ thread_local! {
     static FILTERING: Cell<Option<Filtering>> = const { Cell::new(None) };
 }
 
-/// Runs twins on this thread with textures read as a device does that rounds weights of interpolation ([`Device::filtering`]):
-/// what they then differ by is not the device's textures.
+/// Runs twins on this thread with textures read as a device does that rounds weights of interpolation ([`Device::filtering`]), by
+/// the arithmetic of the one such device that was looked at ([`Filtering::weights`]): what they then differ by is not its textures.
 ///
 /// [`Device::filtering`]: crate::vk::Device::filtering
 pub fn filtered<T>(filtering: Option<Filtering>, twin: impl FnOnce() -> T) -> T {
-    let before = FILTERING.replace(filtering);
-    let done = twin();
-    FILTERING.set(before);
-    done
+    // However it ends.
+    struct Back(Option<Filtering>);
+    impl Drop for Back {
+        fn drop(&mut self) {
+            FILTERING.set(self.0);
+        }
+    }
+    let _back = Back(FILTERING.replace(filtering));
+    twin()
 }
 
 /// [`trilinear`] in a texture; see [`filtered`].

@@ -124,12 +124,16 @@ impl Device {
 
     /// Invocations that share a loop in kernels whose invocations are too few for a card; `each` is how many there are along x
     /// of a work group. One on a CPU, which has no idle lanes.
+    ///
+    /// At least four otherwise, for as many cells' sums are added up side by side.
     pub fn lanes(&self, each: u32) -> u32 {
-        let raw = &self.0.raw;
-        if raw.info.kind == DeviceKind::Cpu && !raw.as_card {
-            return 1;
-        }
-        (raw.limits.max_compute_work_group_invocations / each.max(1)).clamp(1, MOST_LANES as u32)
+        let fit = (self.0.raw.limits.max_compute_work_group_invocations / each.max(1)).min(MOST_LANES as u32);
+        if self.is_card() && fit >= 4 { fit } else { 1 }
+    }
+
+    /// Whether its work wants to be wide and its dispatches few.
+    pub(crate) fn is_card(&self) -> bool {
+        self.0.raw.info.kind != DeviceKind::Cpu || self.0.raw.as_card
     }
 
     /// The queue family that all work is submitted to.

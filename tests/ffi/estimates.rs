@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicU32;
 /// Whatever else runs on the machine makes a try slower, none faster.
 const TRIES: u32 = 3;
 
-fn device(engine: *mut hl_engine) -> hl_device_info {
+pub fn device(engine: *mut hl_engine) -> hl_device_info {
     let mut info: hl_device_info = init();
     ok!(hl_engine_get_device(engine, &mut info));
     info

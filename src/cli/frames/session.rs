@@ -105,6 +105,11 @@ pub struct Session<'a> {
     pub estimate: u64,
 }
 
+/// A place to stop at.
+fn keep_on(going: Going) -> Result<(), Failure> {
+    if going() { Ok(()) } else { Err(halflight::Error::Cancelled.into()) }
+}
+
 /// Called by jobs: whether to go on.
 pub type Going<'a> = &'a dyn Fn() -> bool;
 
@@ -151,6 +156,7 @@ impl<'a> Session<'a> {
         if self.read.as_ref().is_none_or(|r| r.settings != scene.volume) {
             (self.lit, self.computed, self.classified, self.on_device, self.read) = (None, None, None, None, None);
             let volume = paid.time(READ, || load::volume_while(scene, going))?;
+            keep_on(going)?;
             let hash = paid.time(READ, || fingerprint::volume(&volume));
             self.hashes.insert(scene.volume.file.clone(), hash.clone());
             self.read = Some(Read { settings: scene.volume.clone(), volume: Rc::new(volume), hash });
@@ -188,6 +194,7 @@ impl<'a> Session<'a> {
             self.engine = Some(paid.time(UPLOAD, || self.context.engine())?);
         }
         let engine = self.engine.as_ref().ok_or_else(lost)?;
+        keep_on(going)?;
         if self.on_device.is_none() {
             self.on_device = Some(paid.time(UPLOAD, || engine.upload(&volume))?);
         }
