@@ -49,9 +49,27 @@ impl Axis {
         v.clamp(self.lo, self.hi)
     }
 
-    /// For plotters, `length` units long, its numbers `apart` at least.
-    pub fn coordinate(&self, length: f64, apart: f64) -> Coordinate {
+    /// The numbers that have room beside each other, `letter` units wide a letter: of two that have not the larger stays.
+    fn uncrowded(&self, mut numbers: Vec<f64>, length: f64, letter: f64) -> Vec<f64> {
+        let place = |v: f64| length * (v / self.lo).log10() / (self.hi / self.lo).log10();
+        let half = |v: f64| 0.5 * letter * number(v).len() as f64;
+        let mut free = f64::INFINITY;
+        numbers.reverse();
+        numbers.retain(|&v| {
+            let stays = place(v) + half(v) <= free;
+            if stays {
+                free = place(v) - half(v) - 0.6 * letter;
+            }
+            stays
+        });
+        numbers.reverse();
+        numbers
+    }
+
+    /// For plotters, `length` units long, its numbers `apart` at least, and as wide as `letter` a letter.
+    pub fn coordinate(&self, length: f64, apart: f64, letter: f64) -> Coordinate {
         let [numbered, all] = self.ticks(length, apart);
+        let numbered = self.uncrowded(numbered, length, letter);
         (self.lo..self.hi).log_scale().with_key_points(numbered).with_light_points(all)
     }
 }
@@ -76,6 +94,11 @@ mod tests {
             let units = |a: f64, b: f64| 900.0 * (b / a).log10() / (axis.hi / axis.lo).log10();
             assert!(numbered.windows(2).all(|w| units(w[0], w[1]) >= 44.0) && numbered.len() <= all.len() + 1, "{numbered:?}");
         }
+        // Long numbers give way, short ones stay; stacked ones have no width.
+        let axis = Axis { lo: 3e-4, hi: 1.2 };
+        let numbers = vec![5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 0.1, 1.0];
+        assert_eq!(axis.uncrowded(numbers.clone(), 450.0, 6.5), numbers[1..]);
+        assert_eq!(axis.uncrowded(numbers.clone(), 450.0, 0.0), numbers);
         // Nothing to show: still an axis.
         assert!(Axis::around([].into_iter()).ticks(900.0, 44.0)[0].len() > 1);
     }

@@ -208,7 +208,7 @@ impl Chart {
             .margin_right(on.px(14.0))
             .y_label_area_size(on.px(NUMBERS - 10.0))
             .x_label_area_size(on.px(44.0))
-            .build_cartesian_2d(x.coordinate(room[0], 36.0), y.coordinate(room[1], 26.0))?;
+            .build_cartesian_2d(x.coordinate(room[0], 36.0, 6.5), y.coordinate(room[1], 26.0, 0.0))?;
         chart
             .configure_mesh()
             .bold_line_style(on.line(GRID, 1.5))
