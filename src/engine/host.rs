@@ -181,8 +181,8 @@ impl Engine {
         let pieces = Piece::cut(dims, PIECE / u64::from(format.bytes()));
         let largest = pieces.iter().map(Piece::texels).max().unwrap_or(0);
         let (narrow, wide) = samples.buffers(largest);
-        let block_count: u64 = blocks.iter().map(|&n| u64::from(n)).product();
-        let needs = grid.voxels() * u64::from(format.bytes()) + block_count * u64::from(bounds.bytes()) + narrow + wide;
+        let bytes = |dims, format: Format| self.padding().image(dims, format.bytes().into());
+        let needs = bytes(dims, format) + bytes(blocks, bounds) + narrow + wide;
         let what = format!("the volume of {}x{}x{} voxels ({} bits each on the device)", dims[0], dims[1], dims[2], 8 * format.bytes());
         self.ask(&what, needs, |_| "hand over a smaller volume or allow more memory".into())?;
         let desc = ImageDesc { name: "volume", dims, levels: 1, format, views: &[], storage: false };

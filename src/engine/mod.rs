@@ -313,8 +313,9 @@ impl Engine {
         let dims = grid.dims().map(|n| n as u32);
         let voxel = 8 * format.bytes();
         let what = format!("the volume of {}x{}x{} voxels ({voxel} bits each on the device)", dims[0], dims[1], dims[2]);
-        let (ranges, passing) = stages::occupancy::bytes(volume);
-        self.ask(&what, self.padding().image(dims, budget::voxel_bytes(volume)) + ranges + passing, |free| {
+        let padding = self.padding();
+        let (ranges, passing) = stages::occupancy::bytes(volume, |dims, texel| padding.image(dims, texel));
+        self.ask(&what, padding.image(dims, budget::voxel_bytes(volume)) + ranges + passing, |free| {
             let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
             format!(
                 "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",

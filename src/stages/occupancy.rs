@@ -24,10 +24,12 @@ pub fn block_dims(dims: [usize; 3]) -> [usize; 3] {
     dims.map(|n| n.div_ceil(BLOCK))
 }
 
-/// Bytes on the device: ranges and distances that stay, and the distances of one pass while they are computed.
-pub fn bytes(volume: &Volume) -> (u64, u64) {
-    let blocks: u64 = block_dims(volume.grid().dims()).iter().map(|&n| n as u64).product();
-    (blocks * (u64::from(format(volume.samples()).bytes()) + 1), blocks + FILLED_BYTES)
+/// Bytes on the device: ranges and distances that stay, and the distances of one pass while they are computed. `image` says what
+/// one takes, by its dims and the bytes of a texel.
+pub fn bytes(volume: &Volume, image: impl Fn([u32; 3], u64) -> u64) -> (u64, u64) {
+    let blocks = block_dims(volume.grid().dims()).map(|n| n as u32);
+    let distances = image(blocks, 1);
+    (image(blocks, format(volume.samples()).bytes().into()) + distances, distances + FILLED_BYTES)
 }
 
 const FILLED_BYTES: u64 = 4 * (TABLE_SIZE as u64 + 1);
