@@ -113,6 +113,7 @@ impl Tiles {
     /// The tiles of a field of `dims` cells.
     pub fn new(dims: [usize; 3], map: &CellMap) -> Self {
         let [nx, ny, nz] = dims;
+        let worked = |texel: &u32| texel >> 4 > 0 || texel & 15 < u32::from(MARGIN);
         let across = |axis: usize| super::sweep::plane(axis).map(|a| dims[a]);
         let tiles = |axis: usize| across(axis)[0].div_ceil(TILE_ROW) * across(axis)[1].div_ceil(TILE_COLUMN);
         // Per axis, slice after slice of tiles; across x, per tile a row of slices, for cells are read a row of x at a time.
@@ -122,11 +123,11 @@ impl Tiles {
             let (y, z) = (index % ny, index / ny);
             let across_x = &mut busy[0][nx * (y / TILE_ROW + columns * (z / TILE_COLUMN))..][..nx];
             for (busy, &texel) in across_x.iter_mut().zip(row) {
-                *busy |= texel >> 4 > 0 || texel & 15 < u32::from(MARGIN);
+                *busy |= worked(&texel);
             }
             for (axis, first) in [(1, y * tiles(1) + rows * (z / TILE_COLUMN)), (2, z * tiles(2) + rows * (y / TILE_COLUMN))] {
                 for (busy, cells) in busy[axis][first..].iter_mut().zip(row.chunks(TILE_ROW)) {
-                    *busy |= cells.iter().any(|texel| texel >> 4 > 0 || texel & 15 < u32::from(MARGIN));
+                    *busy |= cells.iter().any(worked);
                 }
             }
         }
