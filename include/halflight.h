@@ -8,8 +8,8 @@
  * Structs.  HL_INIT first: struct_size is the sizeof the struct, any other member 0 means its default. Later versions
  *           append members: a longer struct than the library knows is taken if the rest is zero, a shorter one as
  *           if its missing members were 0. No struct_size ends within a pointer or number; what is `reserved` must be 0.
- * Handles.  NULL, destroyed and foreign ones give HL_ERROR_HANDLE. What a thing was made from may be destroyed before
- *           it. hl_engine_destroy stops the engine's jobs and destroys all that was made from it.
+ * Handles.  NULL, destroyed and foreign ones give HL_ERROR_HANDLE; destroying NULL does nothing. What a thing was made
+ *           from may be destroyed before it. hl_engine_destroy stops the engine's jobs and destroys all that was made from it.
  * Threads.  Any call, from any thread. Engines know nothing of each other. Calls that need one engine's device run one
  *           after the other; a running job lets them in between two dispatches (about 0.1 s). Calls on jobs, on
  *           finished images, and hl_last_error never wait for the device.
@@ -99,7 +99,8 @@ typedef struct hl_engine_info {
     const void *next;           /* hl_vulkan_device: use that device of the host's */
     const char *device;         /* index, uuid or part of the name; NULL: the fastest kind */
     const char *pipeline_cache; /* folder; NULL: the user's cache folder; "": none */
-    uint64_t memory;            /* bytes of device memory that may be held; 0: most of what there is */
+    uint64_t memory;            /* bytes of device memory that may be held; 0: most of what there is. Small buffers come
+                                 * out of blocks of 64 MiB, which are not counted where they are not full */
     hl_log_fn log;
     void *log_user;
     int32_t log_level; /* HL_LOG_...; 0: warnings and errors */

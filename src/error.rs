@@ -90,6 +90,17 @@ pub enum Error {
         right: String,
     },
 
+    /// The system, or the driver, gave no memory although the budget allows it.
+    #[error("{what} {}; {right}", if *needs > 0 { format!("needs {} of main memory, which the system does not give", bytes(*needs)) } else { "got no memory".into() })]
+    NoMemory {
+        /// What was to be allocated, or the driver's call.
+        what: String,
+        /// Bytes that it needs; 0: the driver does not say.
+        needs: u64,
+        /// What would help.
+        right: String,
+    },
+
     /// The device stopped answering; the engine must be made anew.
     #[error("the device was lost during {during}")]
     DeviceLost {

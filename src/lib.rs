@@ -59,6 +59,7 @@ pub mod kernels;
 pub mod measure;
 pub mod plan;
 pub mod record;
+mod room;
 pub mod scene;
 pub mod stability;
 pub mod stages;

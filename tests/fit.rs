@@ -246,3 +246,29 @@ fn what_cannot_be_fitted_is_refused() {
     let (_, solid) = load(&engine, &volume, &surface(Surface { iso: 0.5, shading: Default::default(), albedo: None }));
     assert!(refused(&solid, &settings(8, 4)).contains("isosurface"));
 }
+
+/// lavapipe binds 128 MiB as one buffer; the equations take 108 bytes a cell that is read.
+#[test]
+fn a_fit_that_no_buffer_holds_is_refused_before_the_sweep() {
+    let engine = engine();
+    let range = engine.device().max_storage_range;
+    if range > 1 << 28 {
+        println!("{} binds {range} bytes as one buffer: nothing to refuse", engine.device().name);
+        return;
+    }
+    let n = 112;
+    let grid = Grid::axis_aligned([n; 3], [1.0; 3]).expect("grid");
+    let volume = Volume::from_fn(grid, |p| p[0].rem_euclid(2.0) as f32).expect("volume");
+    let (_, medium) = load(&engine, &volume, &linear(0.05));
+    let settings = Visibility { bands: 1, bits: 8, directions: 6, fit: 1, ..settings(1, 1) };
+    let mut stages = Vec::new();
+    let refused = engine.precompute(&medium, &settings, &mut |stage, fraction| {
+        stages.push((stage, fraction));
+        std::ops::ControlFlow::Continue(())
+    });
+    let said = refused.err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(said.contains("visibility.fit") && said.contains("equations take") && said.contains("coarser ratio"), "{said}");
+    assert!(stages.iter().all(|(_, fraction)| *fraction == 0.0), "it was swept before: {stages:?}");
+    // Sabotage: without the fit it is computed.
+    engine.precompute(&medium, &Visibility { fit: 0, ..settings }, &mut quiet).expect("without a fit");
+}

@@ -346,3 +346,68 @@ fn validation_errors_are_heard() {
     rec.submit().unwrap();
     assert!(!device.validation_errors().is_empty());
 }
+
+#[test]
+fn what_another_device_made_is_refused_everywhere() {
+    let (device, other) = (open(), open());
+    let words = device.buffer_from("words", &[7u32; 16]).unwrap();
+    let image = texels(&device, 1);
+    let refused = |result: halflight::Result<()>| match result {
+        Err(Error::Invalid { what, .. }) => assert!(what.contains("another device"), "{what}"),
+        other => panic!("{other:?}"),
+    };
+    refused(other.write(&words, &[1u32]));
+    refused(other.read::<u32>(&words, 1).map(drop));
+    refused(other.read_into(&words, &mut [0u32; 4]));
+    refused(other.write_image(&image, 0, &mut |_, _| panic!("nothing is to be filled")));
+    refused(other.read_image(&image, 0).map(drop));
+    refused(other.record().unwrap().fill(&words, 0));
+    let barriers =
+        [words.all().from(Access::ComputeRead).to(Access::TransferWrite), image.all().from(Access::None).to(Access::ComputeWrite)];
+    for barrier in barriers {
+        let mut rec = other.record().unwrap();
+        rec.barrier(&[barrier]);
+        refused(rec.submit());
+    }
+    // All of it is well on its own device, and nothing was touched.
+    assert_eq!(device.read::<u32>(&words, 16).unwrap(), [7; 16]);
+    clean(&device);
+    clean(&other);
+}
+
+/// Reading an image changes its layout until it is done: another thread's kernel, which samples it, waits.
+#[test]
+fn threads_read_and_sample_one_image() {
+    let device = open();
+    let (dims, texel) = ([128, 128, 64], 16);
+    let desc = ImageDesc { name: "shared", dims, levels: 1, format: Format::Rgba32Sfloat, views: &[], storage: false };
+    let image = device.image3(&desc).unwrap();
+    device
+        .write_image(&image, 0, &mut |_, bytes| bytes.chunks_exact_mut(4).for_each(|b| b.copy_from_slice(&1.5f32.to_ne_bytes())))
+        .unwrap();
+    let texels = || {
+        let own = texels(&device, 1);
+        let mut rec = device.record().unwrap();
+        rec.barrier(&[own.all().from(Access::None).to(Access::ComputeReadWrite)]);
+        rec.submit().unwrap();
+        own
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                for _ in 0..4 {
+                    let bytes = device.read_image(&image, 0).unwrap();
+                    assert_eq!(bytes.len(), dims.iter().product::<u32>() as usize * texel);
+                    assert!(bytes.chunks_exact(4).all(|b| b == 1.5f32.to_ne_bytes()));
+                }
+            });
+            scope.spawn(|| {
+                let own = texels();
+                for _ in 0..64 {
+                    assert_eq!(sample(&device, image.sampled(), &own, [0.5; 3], 0.0)[0], [1.5; 4]);
+                }
+            });
+        }
+    });
+    clean(&device);
+}

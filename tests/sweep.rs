@@ -3,6 +3,7 @@
 mod common;
 use common::*;
 use halflight::measure::field_error;
+use halflight::scene::Samples;
 use halflight::scene::visibility::{Cells, Method, Sampling};
 use halflight::scene::{Grid, ImageSettings, Light, Picture, Probe, Visibility, Volume, sh};
 use halflight::stages::sweep;
@@ -18,6 +19,33 @@ fn sky() -> Light {
 
 fn all(dims: [usize; 3]) -> Vec<u32> {
     (0..dims.iter().product::<usize>() as u32).collect()
+}
+
+/// A slice of more tiles than a dispatch takes work groups (65,535 of 128 cells on lavapipe) is swept in parts.
+#[test]
+fn a_slice_may_have_more_tiles_than_a_dispatch_takes() {
+    let engine = engine();
+    let (side, at) = (2912, 2800);
+    let of = |n: usize, from: usize| {
+        let mut samples = vec![0f32; n * n];
+        for y in 0..24 {
+            samples[n * (from + y) + from..][..24].fill(1.0);
+        }
+        Volume::new(Grid::axis_aligned([n, n, 1], [1.0; 3]).expect("grid"), Samples::F32(samples), 1.0, 0.0).expect("volume")
+    };
+    let seen = |n: usize, from: usize| {
+        let (_, medium) = load(&engine, &of(n, from), &linear(0.3));
+        let cells: Vec<u32> = (0..24).flat_map(|y| (0..24).map(move |x| (n * (from + y) + from + x) as u32)).collect();
+        let settings = Visibility { bands: 1, cells: Cells::Matter, ..settings(1, 6, 1) };
+        engine.estimate(&medium, &settings, &cells, &mut quiet).expect("estimate")
+    };
+    let (large, small) = (seen(side, at), seen(64, 20));
+    // The same matter in a small volume: beyond it nothing hinders light.
+    let apart = field_error(&large, &small).relative_l2;
+    assert!(apart < 1e-5, "{apart}");
+    // Sabotage: cells of another place are told apart.
+    let moved: Vec<_> = small.iter().cycle().skip(5).take(small.len()).copied().collect();
+    assert!(field_error(&large, &moved).relative_l2 > 1e-2);
 }
 
 #[test]

@@ -23,7 +23,7 @@ fn code(error: &Error) -> u8 {
         Error::Scene { origin, .. } if origin == COMMAND_LINE => 2,
         Error::Io { .. } | Error::Format { .. } | Error::Scene { .. } | Error::Invalid { .. } => 3,
         Error::NoDevice { .. } | Error::DeviceLacks { .. } => 4,
-        Error::OutOfMemory { .. } => 5,
+        Error::OutOfMemory { .. } | Error::NoMemory { .. } => 5,
         Error::DeviceLost { .. } => 6,
         _ => 1,
     }
@@ -63,6 +63,7 @@ mod tests {
             (Error::NoDevice { what: s(), right: s() }, 4),
             (Error::DeviceLacks { device: s(), lacks: s() }, 4),
             (Error::OutOfMemory { what: s(), needs: 2, free: 1, budget: 1, right: s() }, 5),
+            (Error::NoMemory { what: s(), needs: 2, right: s() }, 5),
             (Error::DeviceLost { during: s() }, 6),
             (Error::Hazard { kernel: "k", binding: "b", had: s(), needs: s() }, 1),
             (Error::Vulkan { call: "c", result: s() }, 1),

@@ -4,6 +4,7 @@ use super::budget::SLACK;
 use super::render::MOST_SAMPLES;
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
+use crate::room::reserved;
 use crate::scene::{Camera, ImageSettings, Picture};
 use crate::stages::aov::{self, Frame, Inputs, STATE};
 use crate::stages::occupancy::Leap;
@@ -99,7 +100,7 @@ impl Engine {
             ControlFlow::Break(()) => Err(Error::Cancelled),
         };
         tell(0.0)?;
-        let mut out = Vec::with_capacity(pixels);
+        let mut out = reserved("a picture's layers", pixels)?;
         // As for the picture.
         let first = u64::from(ROW_SAMPLES) / (steps * u64::from(width)).max(1);
         let most = (MOST_SAMPLES / 8 / (u64::from(width) * steps.min(u64::from(segment)))).clamp(1, u64::from(most));

@@ -1,7 +1,7 @@
 //! Memory, said beforehand: what a scene needs on the device, and what would fit where that is too much.
 
 use super::{Engine, Medium, estimate, fit, sweep};
-use crate::error::{Error, Result};
+use crate::error::{self, Error, Result};
 use crate::scene::visibility::{Method, Sampling};
 use crate::scene::{Grid, Samples, Visibility, Volume};
 use crate::stages::bricks::{self, Bricks};
@@ -231,7 +231,16 @@ impl Engine {
     /// What the cells of `map` cost.
     pub(super) fn cost(&self, grid: &Grid, settings: &Visibility, map: &CellMap) -> Result<Cost> {
         let held = self.bricks(grid, settings, map).count();
-        Cost::new(grid, settings, held, (map.wanted as u64, map.matter as u64), self.device.loop_limit(), self.padding())
+        let cost = Cost::new(grid, settings, held, (map.wanted as u64, map.matter as u64), self.device.loop_limit(), self.padding())?;
+        let most = self.device.info().max_storage_range;
+        if cost.ring[0] > most {
+            return Err(Error::Invalid {
+                item: "visibility.ratio",
+                what: format!("1:{} makes slices that take {} to sweep", settings.ratio, error::bytes(cost.ring[0])),
+                right: format!("this device binds at most {} as one buffer; take a coarser ratio or fewer slices near", error::bytes(most)),
+            });
+        }
+        Ok(cost)
     }
 
     /// What bringing a field back costs.
@@ -259,7 +268,7 @@ impl Engine {
     /// What a job that keeps `fields` fields may take, unless even the least is too much.
     pub(super) fn admitted(&self, what: &str, fields: u64, cost: &Cost, right: impl FnOnce(u64) -> String) -> Result<Share> {
         self.ask(what, fields * cost.kept + cost.least(), right)?;
-        Ok(cost.share(self.free() - fields * cost.kept))
+        Ok(cost.share(self.free().saturating_sub(fields * cost.kept)))
     }
 
     /// Refuses what the memory budget cannot hold, before anything is allocated.

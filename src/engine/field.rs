@@ -3,6 +3,7 @@
 use super::estimate::{Estimator, Work};
 use super::{Engine, Medium};
 use crate::error::{Error, Result};
+use crate::room::zeroed;
 use crate::scene::{Grid, Visibility};
 use crate::stages::bricks::Bricks;
 use crate::stages::cells::CellMap;
@@ -243,7 +244,7 @@ impl Engine {
         let texel = pack::formats(s.bands, s.bits).0.bytes() as usize;
         let images = &field.packed().images[..groups];
         let images: Vec<Vec<u8>> = images.iter().map(|image| self.device.read_image(image, 0)).collect::<Result<_>>()?;
-        let mut out = vec![0f32; kept * cells];
+        let mut out: Vec<f32> = zeroed("a field", kept * cells)?;
         for (cell, first, count) in field.bricks().runs() {
             let out = &mut out[kept * cell..kept * (cell + count)];
             for (g, bytes) in images.iter().enumerate() {

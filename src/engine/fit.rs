@@ -2,7 +2,7 @@
 
 use super::sweep::Sweeper;
 use super::{Engine, Medium, Progress, telling};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::Visibility;
 use crate::stages::cells;
 use crate::stages::fit::{self, Equations, Group, STEPS, Seen};
@@ -108,6 +108,18 @@ impl Fit {
         let mut places = vec![0u32; matter.len()];
         for (i, &cell) in read.iter().enumerate() {
             places[cell as usize] = i as u32 + 1;
+        }
+        // The equations come after the sweep: they are refused before it.
+        let buffers = [("equations", 27 * read.len()), ("sight", settings.coefficients() * points.len())];
+        for (what, numbers) in buffers {
+            let (needs, most) = (4 * numbers as u64, device.info().max_storage_range);
+            if needs > most {
+                return Err(Error::Invalid {
+                    item: "visibility.fit",
+                    what: format!("{per_box} points of each of {} cells: their {what} take {}", found.len(), crate::error::bytes(needs)),
+                    right: format!("this device binds at most {} as one buffer; take a coarser ratio, or fit 0", crate::error::bytes(most)),
+                });
+            }
         }
         let kept = coefficient_groups(settings.bands);
         let image = |g: usize| {

@@ -17,6 +17,7 @@ mod render;
 mod sweep;
 
 use crate::error::{Error, Result};
+use crate::room::reserved;
 use crate::scene::transfer::Table;
 use crate::scene::{Clip, Grid, Matter, Samples, Volume};
 use crate::stages::widen::SampleType;
@@ -345,12 +346,17 @@ impl Engine {
         let bytes = self.device.read_image(&data.image, 0)?;
         let (factor, offset) = data.stored.spread();
         let integers = || bytes.chunks_exact(2).map(|b| i32::from(u16::from_ne_bytes([b[0], b[1]])) / factor - offset);
+        fn gathered<T>(samples: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> {
+            let mut all = reserved("a volume", samples.len())?;
+            all.extend(samples);
+            Ok(all)
+        }
         let samples = match data.samples {
-            SampleType::U8 => Samples::U8(integers().map(|v| v as u8).collect()),
-            SampleType::U16 => Samples::U16(integers().map(|v| v as u16).collect()),
-            SampleType::I8 | SampleType::I16 => Samples::I16(integers().map(|v| v as i16).collect()),
+            SampleType::U8 => Samples::U8(gathered(integers().map(|v| v as u8))?),
+            SampleType::U16 => Samples::U16(gathered(integers().map(|v| v as u16))?),
+            SampleType::I8 | SampleType::I16 => Samples::I16(gathered(integers().map(|v| v as i16))?),
             SampleType::F16 | SampleType::F32 => {
-                Samples::F32(bytes.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect())
+                Samples::F32(gathered(bytes.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])))?)
             }
         };
         Volume::new(data.grid, samples, data.rescale.0, data.rescale.1)

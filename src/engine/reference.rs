@@ -3,6 +3,7 @@
 use super::budget::SLACK;
 use super::{Engine, Medium, Pacer, Progress, in_parts};
 use crate::error::{Error, Result};
+use crate::room::zeroed;
 use crate::scene::sky::Sky;
 use crate::scene::{Camera, ImageSettings, Picture};
 use crate::stages::majorant;
@@ -337,8 +338,8 @@ impl Tracer<'_> {
 
     /// Reads the sums after `samples` of every pixel.
     fn finish(&self, engine: &Engine, samples: u32, image: &ImageSettings) -> Result<Reference> {
-        let mut picture = Picture::new(image.width, image.height);
-        let mut standard_error = vec![[0f32; 3]; picture.rgba.len()];
+        let mut picture = Picture::asked(image.width, image.height)?;
+        let mut standard_error: Vec<[f32; 3]> = zeroed("a picture's standard error", picture.rgba.len())?;
         let blocks = f64::from(samples / BLOCK);
         let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
         for band in &self.bands {

@@ -2,6 +2,7 @@
 
 use super::{Engine, Field, Progress, in_parts, quiet, telling};
 use crate::error::Result;
+use crate::room::zeroed;
 use crate::scene::Light;
 use crate::stages::relight;
 use crate::vk::{Access, Buffer, Image, ImageDesc};
@@ -93,7 +94,7 @@ impl Engine {
         // Which number of a texel stands for each channel and for the mean visibility.
         let (place, size) = if lit.image.format() == relight::format(true) { ([0, 0, 0, 1], 4) } else { ([0, 1, 2, 3], 8) };
         let ([lo, hi], n) = (lit.field.bricks().window(), lit.field.dims());
-        let mut out = vec![[0f32; 4]; n.iter().product()];
+        let mut out: Vec<[f32; 4]> = zeroed("an irradiance volume", n.iter().product())?;
         let row = size * (hi[0] - lo[0]);
         for (index, texels) in bytes.chunks_exact(row).enumerate() {
             let (y, z) = (lo[1] + index % (hi[1] - lo[1]), lo[2] + index / (hi[1] - lo[1]));

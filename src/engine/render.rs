@@ -2,6 +2,7 @@
 
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
+use crate::room::reserved;
 use crate::scene::{Camera, Grid, ImageSettings, Picture, Surface};
 use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
@@ -77,8 +78,9 @@ impl Engine {
         progress: &mut Progress,
     ) -> Result<(Picture, Vec<f32>)> {
         let shot = self.shot(medium, lit, camera, image, false)?;
-        let mut picture = Picture::new(image.width, image.height);
-        let mut distances = Vec::new();
+        let mut picture = Picture::asked(image.width, image.height)?;
+        let hits = if shot.surface.is_some() { picture.rgba.len() } else { 0 };
+        let mut distances = reserved("a picture's distances", hits)?;
         self.strips(&shot, progress, &mut |strip| {
             let first = strip.first_row as usize * image.width;
             let count = strip.rows as usize * image.width;

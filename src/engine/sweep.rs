@@ -54,6 +54,11 @@ fn batch(grid: &Grid, settings: &Visibility, rays: &[Ray], groups: &[Group], (lo
     Ok((ring / ring_bytes(dims, settings.near)).min(loops).clamp(1, 1 << 16) as u32)
 }
 
+/// A run (first, count) in parts of at most `most`: what one dispatch takes.
+fn parts([first, count]: [u32; 2], most: u32) -> impl Iterator<Item = [u32; 2]> {
+    (0..count).step_by(most as usize).map(move |from| [first + from, most.min(count - from)])
+}
+
 /// A sweep under way: the sums of the directions swept so far.
 pub(super) struct Sweeper<'a> {
     engine: &'a Engine,
@@ -199,6 +204,8 @@ impl<'a> Sweeper<'a> {
         let total: u64 = batches.iter().map(|b| work(b, dims[b.axis] as u32)).sum();
         let mut done = 0;
         // What is only carried needs no dispatch of its own where dispatches cost more than branches.
+        let most_groups = device.max_groups();
+        let most_boxes = (most_groups.saturating_mul(fit::GROUP) / self.settings.fit.max(1)).max(1);
         let whole = job.lanes[0] > 1 && near <= u32::from(cells::MARGIN);
         let share = if self.fit.is_some() { SWEPT } else { 1.0 };
         for b in batches {
@@ -210,7 +217,9 @@ impl<'a> Sweeper<'a> {
                 let mut rec = device.record()?;
                 for order in order..order + count {
                     let index = if b.rising { slices - 1 - order } else { order };
-                    for (tiles, dense) in self.tiles.of(b.axis, index as usize, whole) {
+                    let runs = self.tiles.of(b.axis, index as usize, whole);
+                    // A tile is a work group.
+                    for (tiles, dense) in runs.flat_map(|(run, dense)| parts(run, most_groups).map(move |part| (part, dense))) {
                         let slice = Slice {
                             axis: b.axis,
                             index,
@@ -227,8 +236,7 @@ impl<'a> Sweeper<'a> {
                         rec.barrier(&self.sums.each_ref().map(|i| i.mip(0).from(Access::ComputeReadWrite).to(Access::ComputeReadWrite)));
                     }
                     let Some(points) = &self.fit else { continue };
-                    let run = points.run(b.axis, index as usize);
-                    if run[1] > 0 {
+                    for run in parts(points.run(b.axis, index as usize), most_boxes) {
                         let slice = Slice {
                             axis: b.axis,
                             index,

@@ -38,7 +38,7 @@ impl From<Error> for Fault {
             Error::NoDevice { .. } => HL_ERROR_NO_DEVICE,
             Error::DeviceLacks { .. } => HL_ERROR_DEVICE_LACKS,
             Error::DeviceLost { .. } => HL_ERROR_DEVICE_LOST,
-            Error::OutOfMemory { .. } => HL_ERROR_MEMORY,
+            Error::OutOfMemory { .. } | Error::NoMemory { .. } => HL_ERROR_MEMORY,
             Error::Cancelled => HL_ERROR_CANCELLED,
             Error::Hazard { .. } | Error::Vulkan { .. } => HL_ERROR_INTERNAL,
         };

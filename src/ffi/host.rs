@@ -174,7 +174,7 @@ impl Host {
     /// Hands new validation messages to the log.
     fn tell_validation(&self, engine: &Engine) {
         let messages = engine.validation_errors();
-        let told = self.told.swap(messages.len(), Ordering::SeqCst);
+        let told = self.told.fetch_max(messages.len(), Ordering::SeqCst);
         for message in messages.iter().skip(told) {
             self.log.write(self.id, HL_LOG_ERROR, message);
         }

@@ -7,6 +7,7 @@ use super::host::lock;
 use super::image::ImageCell;
 use crate::engine::{Behind, LAYERS, layer_channels};
 use crate::io::ExrChannel;
+use crate::room::reserved;
 use std::sync::Arc;
 
 /// How many there are: those of [`LAYERS`], and the noise of a reference picture.
@@ -44,13 +45,20 @@ impl Layers {
     }
 
     /// The same, pixel by pixel.
-    fn numbers(&self, place: usize) -> Vec<f32> {
+    fn numbers(&self, place: usize) -> Result<Vec<f32>> {
+        let room = |pixels: usize, channels: usize| Ok::<_, Fault>(reserved("a layer of an image", pixels * channels)?);
         match self {
             Self::Behind(_, behind) => {
                 let count = LAYERS[place].1.len();
-                behind.iter().flat_map(|b| (0..count).map(move |c| b.channel(place, c))).collect()
+                let mut all = room(behind.len(), count)?;
+                all.extend(behind.iter().flat_map(|b| (0..count).map(move |c| b.channel(place, c))));
+                Ok(all)
             }
-            Self::Noise(noise) => noise.as_flattened().to_vec(),
+            Self::Noise(noise) => {
+                let mut all = room(noise.len(), 3)?;
+                all.extend_from_slice(noise.as_flattened());
+                Ok(all)
+            }
         }
     }
 }
@@ -99,7 +107,7 @@ pub unsafe extern "C" fn hl_image_read_layer(image: *const hl_image, layer: u32,
     enter(|scope| {
         let image = scope.get::<ImageCell>(image)?;
         let place = place(layer)?;
-        let numbers = of(&image, layer)?.numbers(place);
+        let numbers = of(&image, layer)?.numbers(place)?;
         if data.is_null() || count != numbers.len() as u64 {
             let what = if data.is_null() { "data is NULL".into() } else { format!("count is {count}") };
             return Err(Fault::invalid("layer", what, &format!("room for {} numbers is needed", numbers.len())));
@@ -120,7 +128,10 @@ pub unsafe extern "C" fn hl_image_map_layer(image: *mut hl_image, layer: u32, da
         let place = place(layer)?;
         let layers = of(&image, layer)?;
         let mut mapped = lock(&image.mapped);
-        let numbers = mapped.layers[place].get_or_insert_with(|| Arc::new(layers.numbers(place)));
+        let numbers = match &mapped.layers[place] {
+            Some(numbers) => numbers.clone(),
+            None => mapped.layers[place].insert(Arc::new(layers.numbers(place)?)).clone(),
+        };
         put(data, numbers.as_ptr());
         put(count, numbers.len() as u64);
         mapped.count = mapped.count.saturating_add(1);

@@ -4,6 +4,7 @@ use super::abi::*;
 use super::defect;
 use super::fault::{self, Fault, Result};
 use super::host::call_back;
+use crate::vk::HEARD;
 use std::cell::RefCell;
 use std::ffi::{CString, c_void};
 use std::sync::{Arc, Once};
@@ -74,6 +75,10 @@ impl log::Log for Router {
     }
 
     fn log(&self, record: &log::Record<'_>) {
+        // Those the engine's turn hands over, whoever's logger this is.
+        if record.target() == HEARD {
+            return;
+        }
         let severity = match record.level() {
             log::Level::Error => HL_LOG_ERROR,
             log::Level::Warn => HL_LOG_WARNING,

@@ -151,7 +151,7 @@ impl State {
     /// matter only to one that writes.
     pub(super) fn still_holds(self, found: Self, now: Self) -> bool {
         let only_reads = now.access == self.access && now.used != Used::Written;
-        found == self || (only_reads && found == Self { access: self.access, used: Used::Read })
+        found == self || (only_reads && found.access == self.access && found.used != Used::Written)
     }
 
     pub(super) fn describe(self) -> String {

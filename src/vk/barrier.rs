@@ -69,6 +69,10 @@ impl Recorder {
 
     /// A barrier passes over one resource.
     fn pass(&mut self, kept: &Kept, barrier: &Barrier<'_>) {
+        if let Err(error) = self.made_here("barrier", kept) {
+            self.wrong.get_or_insert(error);
+            return;
+        }
         self.change_hands(kept, barrier);
         let entry = self.entry(kept);
         let had = entry.now;

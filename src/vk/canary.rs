@@ -1,7 +1,7 @@
 //! Does the device run long loops to their end? Mesa's llvmpipe before version 23 leaves them after 65,535 iterations and says nothing.
 
 use super::Device;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernels::canary;
 
 /// More than the known bound.
@@ -10,6 +10,9 @@ const TRIPS: u32 = 70_000;
 const UNBOUNDED: u32 = 1 << 20;
 /// Below the known bound, with room for a kernel's small outer loops.
 const BOUNDED: u32 = 60_000;
+
+/// Less than this, a ray's parts would be too many.
+const LEAST: u32 = 1 << 14;
 
 /// Iterations that one invocation may make, over all its loops.
 pub(super) fn loop_limit(device: &Device) -> Result<u32> {
@@ -24,6 +27,10 @@ pub(super) fn loop_limit(device: &Device) -> Result<u32> {
         return Ok(UNBOUNDED);
     }
     let limit = BOUNDED.min(count / 16 * 15);
+    if limit < LEAST {
+        let lacks = format!("loops of {LEAST} iterations (they stop after {count})");
+        return Err(Error::DeviceLacks { device: device.info().name.clone(), lacks });
+    }
     log::info!("{}: loops stop after {count} iterations; dispatches are bounded to {limit}", device.info().name);
     Ok(limit)
 }

@@ -32,6 +32,8 @@ pub(super) struct Shared {
     pub timings: Mutex<Vec<Span>>,
     pub slots: Mutex<Vec<Slot>>,
     pub staging: Mutex<Staging>,
+    /// Held from where the ledger's states are read to where they are set, over the work in between. Taken before `staging`.
+    pub turn: Mutex<()>,
     pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,
     cache: vk::PipelineCache,
     cache_path: Option<PathBuf>,
@@ -96,6 +98,7 @@ impl Device {
             timings: Mutex::default(),
             slots: Mutex::default(),
             staging: Mutex::default(),
+            turn: Mutex::default(),
             pipelines: Mutex::default(),
             cache: vk::PipelineCache::null(),
             cache_path,
@@ -129,6 +132,11 @@ impl Device {
     pub fn lanes(&self, each: u32) -> u32 {
         let fit = (self.0.raw.limits.max_compute_work_group_invocations / each.max(1)).min(MOST_LANES as u32);
         if self.is_card() && fit >= 4 { fit } else { 1 }
+    }
+
+    /// Most work groups of a dispatch along x.
+    pub(crate) fn max_groups(&self) -> u32 {
+        self.0.raw.limits.max_compute_work_group_count[0]
     }
 
     /// Whether its work wants to be wide and its dispatches few.

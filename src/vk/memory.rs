@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use std::path::{Path, PathBuf};
 
 /// Device memory of buffers and images, in bytes. The runtime's own staging (at most 64 MiB) is not counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,11 +123,70 @@ pub(super) fn default_budget(info: &DeviceInfo) -> u64 {
     }
 }
 
-/// Bytes of main memory that are available, where the system says so; a container's limit counts.
+/// Bytes of main memory that are available, where the system says so; limits of the groups that the process is in count.
 fn available_memory() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
     let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
-    let limit = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok()).unwrap_or(u64::MAX);
-    Some(kib.saturating_mul(1024).min(limit))
+    let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    Some(kib.saturating_mul(1024).min(left_to_groups(&groups, Path::new("/sys/fs/cgroup"))))
+}
+
+/// What the memory limits of control groups leave (docs.kernel.org, admin-guide, cgroup-v1/memory and cgroup-v2): the least of
+/// limit − use over each group and those above it, where files that the kernel would drop first are no use. `groups` is a
+/// process' list of its groups, `root` where they are mounted; a container sees its own group there, whatever the list says.
+fn left_to_groups(groups: &str, root: &Path) -> u64 {
+    let number = |path: PathBuf| std::fs::read_to_string(path).ok().and_then(|t| t.trim().parse::<u64>().ok());
+    let mut left = u64::MAX;
+    for line in groups.lines() {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (Some(kinds), Some(group)) = (parts.next(), parts.next()) else { continue };
+        let (mount, limit, used, idle) = match kinds {
+            "" => (root.to_owned(), "memory.max", "memory.current", "inactive_file "),
+            _ if kinds.split(',').any(|k| k == "memory") => {
+                (root.join("memory"), "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file ")
+            }
+            _ => continue,
+        };
+        for group in Path::new(group.trim_start_matches('/')).ancestors() {
+            let folder = mount.join(group);
+            let Some(limit) = number(folder.join(limit)) else { continue };
+            let stat = std::fs::read_to_string(folder.join("memory.stat")).unwrap_or_default();
+            let dropped = stat.lines().find_map(|l| l.strip_prefix(idle)?.trim().parse().ok()).unwrap_or(0);
+            let used = number(folder.join(used)).unwrap_or(0).saturating_sub(dropped);
+            left = left.min(limit.saturating_sub(used));
+        }
+    }
+    left
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tightest_group_decides() {
+        let root = tempfile::tempdir().unwrap();
+        let write = |folder: &str, files: &[(&str, &str)]| {
+            let folder = root.path().join(folder);
+            std::fs::create_dir_all(&folder).unwrap();
+            for (name, text) in files {
+                std::fs::write(folder.join(name), text).unwrap();
+            }
+        };
+        let left = |groups: &str| left_to_groups(groups, root.path());
+        assert_eq!(left("0::/\n"), u64::MAX, "no limits are there");
+        write("a/b", &[("memory.max", "max\n"), ("memory.current", "5000\n")]);
+        assert_eq!(left("0::/a/b\n"), u64::MAX);
+        write("a", &[("memory.max", "9000\n"), ("memory.current", "5000\n"), ("memory.stat", "anon 1\ninactive_file 1000\n")]);
+        assert_eq!(left("0::/a/b\n"), 5000, "the group above limits, and its idle files do not count");
+        write("a/b", &[("memory.max", "7000\n"), ("memory.current", "7500\n")]);
+        assert_eq!(left("0::/a/b\n"), 0);
+        write("memory/c", &[("memory.limit_in_bytes", "800\n"), ("memory.usage_in_bytes", "300\n")]);
+        assert_eq!(left("5:cpu,cpuacct:/a\n4:memory:/c\n"), 500, "the older form");
+        // Inside a container the list may name a path that only the host sees.
+        write("", &[("memory.max", "6000\n"), ("memory.current", "1000\n")]);
+        assert_eq!(left("0::/docker/1234\n"), 5000);
+    }
 }

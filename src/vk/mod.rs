@@ -51,17 +51,18 @@ fn failed(call: &'static str) -> impl Fn(vk::Result) -> Error {
     move |result| match result {
         vk::Result::ERROR_DEVICE_LOST => Error::DeviceLost { during: call.to_owned() },
         vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_POOL_MEMORY => {
-            Error::OutOfMemory {
+            Error::NoMemory {
                 what: call.to_owned(),
                 needs: 0,
-                free: 0,
-                budget: 0,
                 right: String::from("the driver itself ran out of memory: free some, or ask for less"),
             }
         }
         other => Error::Vulkan { call, result: format!("{other:?}") },
     }
 }
+
+/// The log target of validation errors: the device's list holds them, too.
+pub(crate) const HEARD: &str = "halflight::validation";
 
 /// Locks, also after another thread panicked inside: what the mutexes here guard is valid between any two statements.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -3,7 +3,7 @@
 use super::host::{Features, QueueLock};
 use super::memory::{Memory, allocator, default_budget};
 use super::select::{self, DeviceInfo, Options};
-use super::{failed, lock};
+use super::{HEARD, failed, lock};
 use crate::error::{Error, Result};
 use ash::vk;
 use gpu_allocator::vulkan::Allocator;
@@ -277,7 +277,7 @@ unsafe extern "system" fn heard(
         (message.map(|m| m.to_string_lossy().into_owned()).unwrap_or_default(), user.cast::<Messages>().as_ref())
     };
     if severity.contains(vk::DebugUtilsMessageSeverityFlagsEXT::ERROR) {
-        log::error!("validation: {text}");
+        log::error!(target: HEARD, "validation: {text}");
         if let Some(messages) = messages {
             lock(messages).push(text);
         }

@@ -7,6 +7,7 @@ use super::image::ImageInner;
 use super::kernel::BindingInfo;
 use super::raw::Raw;
 use super::slot::Slot;
+use super::transfer::another_device;
 use super::{Bindings, Bound, Buffer, Device, KernelInfo, Specialization, lock, timing};
 use crate::error::{Error, Result};
 use ash::vk;
@@ -166,6 +167,7 @@ impl Recorder {
         }
         ours(buffer.inner.foreign.as_ref(), &buffer.inner.name)?;
         let kept = Kept::Buffer(buffer.inner.clone());
+        self.made_here("fill", &kept)?;
         let entry = self.entry(&kept);
         let had = entry.now;
         let Some(after) = had.after(Need::Fill) else {
@@ -190,6 +192,8 @@ impl Recorder {
         if let Some(error) = self.wrong.take() {
             return Err(error);
         }
+        let shared = self.device.0.clone();
+        let turn = lock(&shared.turn);
         for entry in self.ledger.values() {
             let found = *lock(entry.kept.state());
             if !entry.before.still_holds(found, entry.now) {
@@ -210,6 +214,7 @@ impl Recorder {
                 foreign.note_given_back();
             }
         }
+        drop(turn);
         let clock = self.device.0.clock;
         let ticks = if clock.timed() { self.slot.timestamps()? } else { Vec::new() };
         let mut timings = lock(&self.device.0.timings);
@@ -261,13 +266,7 @@ impl Recorder {
         }
         let mut entered: Option<(&Kept, State)> = None;
         for (kept, need, binding) in [(from, reads, "from"), (to, writes, "to")] {
-            if !Arc::ptr_eq(kept.raw(), &self.device.0.raw) {
-                return Err(Error::Invalid {
-                    item: "copy",
-                    what: format!("{} belongs to another device", kept.describe()),
-                    right: String::from("make it on this recorder's device"),
-                });
-            }
+            self.made_here("copy", kept)?;
             let had = self.entry(kept).now;
             let Some(after) = had.after(need) else {
                 if let Some((kept, had)) = entered {
@@ -284,6 +283,11 @@ impl Recorder {
             entered = Some((kept, had));
         }
         Ok(())
+    }
+
+    /// Refuses what another device made.
+    pub(super) fn made_here(&self, item: &'static str, kept: &Kept) -> Result<()> {
+        if Arc::ptr_eq(kept.raw(), &self.device.0.raw) { Ok(()) } else { Err(another_device(item, &kept.describe())) }
     }
 
     /// Where commands are recorded.

@@ -8,7 +8,9 @@ use super::raw::Raw;
 use super::staging::{HALF, ring};
 use super::{Access, Buffer, Device, lock};
 use crate::error::{Error, Result};
+use crate::room::zeroed;
 use ash::vk;
+use std::sync::{Arc, MutexGuard};
 
 impl Device {
     /// Writes the first elements of a buffer (all of them, or fewer), which kernels may then read.
@@ -22,15 +24,15 @@ impl Device {
         if data.is_empty() {
             return Ok(());
         }
+        let _turn = self.turn(&inner.raw, &inner.name)?;
         let state = *lock(&inner.state);
         if let Some(mapped) = inner.direct(false) {
             // What kernels wrote before must not land on top of this.
             if state.used == Used::Written || state.access.writes() {
                 self.fence(inner, state, &[Access::HostWrite])?;
             }
-            let _device_idle = lock(&self.0.raw.queue);
-            // SAFETY: the memory is mapped, coherent and long enough; submissions wait for the lock, and earlier ones on this
-            // buffer are done.
+            // SAFETY: the memory is mapped, coherent and long enough; a submission holds the turn until it is done, and so does
+            // this.
             unsafe { std::ptr::copy_nonoverlapping(data.as_ptr(), mapped.as_ptr(), data.len()) };
         } else {
             self.upload_buffer(inner, state, data)?;
@@ -38,6 +40,14 @@ impl Device {
         // Host writes are visible to all that is submitted later.
         *lock(&inner.state) = State::ready(Access::ComputeRead);
         Ok(())
+    }
+
+    /// The ledger, for one copy from where a state is read to where it is set; what is of another device is refused.
+    pub(super) fn turn(&self, raw: &Arc<Raw>, name: &str) -> Result<MutexGuard<'_, ()>> {
+        if !Arc::ptr_eq(raw, &self.0.raw) {
+            return Err(another_device("copy", &format!("'{name}'")));
+        }
+        Ok(lock(&self.0.turn))
     }
 
     fn upload_buffer(&self, inner: &BufferInner, state: State, data: &[u8]) -> Result<()> {
@@ -74,7 +84,7 @@ impl Device {
     /// [`Error::Invalid`] if the buffer is shorter; [`Error::Hazard`] if nobody ever wrote it; failures of the driver.
     pub fn read<T: bytemuck::Pod>(&self, buffer: &Buffer, len: usize) -> Result<Vec<T>> {
         check_range(&buffer.inner, (len as u64).saturating_mul(size_of::<T>() as u64))?;
-        let mut data = zeroed::<T>(len)?;
+        let mut data = zeroed::<T>("a copy", len)?;
         self.read_into(buffer, &mut data)?;
         Ok(data)
     }
@@ -90,13 +100,13 @@ impl Device {
         if out.is_empty() {
             return Ok(());
         }
+        let _turn = self.turn(&inner.raw, &inner.name)?;
         let state = *lock(&inner.state);
         written(state, &inner.name)?;
         if let Some(mapped) = inner.direct(true) {
             self.fence(inner, state, &[Access::HostRead, Access::ComputeRead])?;
-            let _device_idle = lock(&self.0.raw.queue);
-            // SAFETY: the memory is mapped, coherent and long enough; no submission runs while the lock is held that was not
-            // waited for, and the barrier has made earlier writes visible.
+            // SAFETY: the memory is mapped, coherent and long enough; a submission holds the turn until it is done, and the
+            // barrier has made its writes visible.
             unsafe { std::ptr::copy_nonoverlapping(mapped.as_ptr(), out.as_mut_ptr(), out.len()) };
         } else {
             self.download_buffer(inner, state, out)?;
@@ -168,6 +178,10 @@ pub(super) fn pipeline_barrier(
     unsafe { raw.device.cmd_pipeline_barrier2(commands, &info) };
 }
 
+pub(super) fn another_device(item: &'static str, what: &str) -> Error {
+    Error::Invalid { item, what: format!("{what} belongs to another device"), right: String::from("make it on this one") }
+}
+
 fn check_range(inner: &BufferInner, bytes: u64) -> Result<()> {
     ours(inner.foreign.as_ref(), &inner.name)?;
     if bytes <= inner.bytes {
@@ -190,18 +204,4 @@ pub(super) fn written(state: State, name: &str) -> Result<()> {
         had: format!("None: '{name}' was never written"),
         needs: format!("{:?}", Access::HostRead),
     })
-}
-
-/// Room for `len` elements, without aborting where there is none.
-pub(super) fn zeroed<T: bytemuck::Pod>(len: usize) -> Result<Vec<T>> {
-    let mut data = Vec::new();
-    data.try_reserve_exact(len).map_err(|_| Error::OutOfMemory {
-        what: String::from("a copy in main memory"),
-        needs: (len as u64).saturating_mul(size_of::<T>() as u64),
-        free: 0,
-        budget: 0,
-        right: String::from("read less at a time"),
-    })?;
-    data.resize(len, T::zeroed());
-    Ok(data)
 }

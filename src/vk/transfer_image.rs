@@ -5,9 +5,10 @@ use super::barrier::{buffer_barrier, image_barrier};
 use super::foreign::ours;
 use super::image::ImageInner;
 use super::staging::{HALF, ring};
-use super::transfer::{pipeline_barrier, written, zeroed};
+use super::transfer::{pipeline_barrier, written};
 use super::{Device, Image, lock};
 use crate::error::{Error, Result};
+use crate::room::zeroed;
 use ash::vk;
 
 impl Device {
@@ -20,11 +21,12 @@ impl Device {
         let walk = Walk::new(image, level)?;
         let inner = &image.inner;
         let raw = &self.0.raw;
+        let _turn = self.turn(&inner.raw, &inner.name)?;
         let state = *lock(&inner.states[level as usize]);
         let mut staging = lock(&self.0.staging);
         let mut ring = ring(&mut staging.up, raw, "staging up", true)?;
         // A slice that does not fit a half is filled aside and copied by rows.
-        let mut aside = if walk.slice > HALF { zeroed::<u8>(walk.slice)? } else { Vec::new() };
+        let mut aside = if walk.slice > HALF { zeroed::<u8>("a slice", walk.slice)? } else { Vec::new() };
         let parts = walk.parts();
         let last = parts.len().saturating_sub(1);
         for (i, part) in parts.iter().enumerate() {
@@ -68,9 +70,10 @@ impl Device {
         let walk = Walk::new(image, level)?;
         let inner = &image.inner;
         let raw = &self.0.raw;
+        let _turn = self.turn(&inner.raw, &inner.name)?;
         let state = *lock(&inner.states[level as usize]);
         written(state, &inner.name)?;
-        let mut data = zeroed::<u8>(walk.slice * walk.dims[2] as usize)?;
+        let mut data = zeroed::<u8>("a copy", walk.slice * walk.dims[2] as usize)?;
         let mut staging = lock(&self.0.staging);
         let mut ring = ring(&mut staging.down, raw, "staging down", false)?;
         let parts = walk.parts();

@@ -94,6 +94,28 @@ fn outputs_go_where_the_user_means() {
 
 #[test]
 #[cfg(target_os = "linux")]
+fn a_picture_that_main_memory_does_not_hold_is_refused() {
+    let f = Folder::new("room");
+    f.file("v.nrrd", "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: ascii\n\n0 1 2 3 4 5 6 7\n");
+    // 16384 pixels a side are 4 GiB.
+    let sized = |side: &str| {
+        let script = format!(
+            "ulimit -v 4000000; exec {} render v.nrrd -o o.png --image.width {side} --image.height {side}",
+            env!("CARGO_BIN_EXE_halflight")
+        );
+        Command::new("sh").args(["-c", &script]).current_dir(&f.0).output().unwrap()
+    };
+    let out = sized("16384");
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(5), "{stderr}");
+    assert!(stderr.contains("a picture needs 4.0 GiB of main memory, which the system does not give"), "{stderr}");
+    assert!(!f.0.join("o.png").exists());
+    // Sabotage: a small picture is rendered under the same limit.
+    assert_eq!(sized("16").status.code(), Some(0));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
 fn a_full_stdout_does_not_hide_what_was_written() {
     let f = Folder::new("full");
     grey(&f);
