@@ -36,6 +36,7 @@ pub use precompute::Pass;
 pub use reference::{Reference, ReferenceSettings};
 pub use relight::Lit;
 
+pub(crate) use crate::vk::HEARD;
 pub use crate::vk::{DeviceInfo, DeviceKind, Memory, Options, Span, devices};
 
 /// Told the stage's name and the fraction 0..1 of the whole call that is done, before the first dispatch and after each;

@@ -4,7 +4,7 @@ use super::abi::*;
 use super::defect;
 use super::fault::{self, Fault, Result};
 use super::host::call_back;
-use crate::vk::HEARD;
+use crate::engine::HEARD;
 use std::cell::RefCell;
 use std::ffi::{CString, c_void};
 use std::sync::{Arc, Once};
