@@ -264,6 +264,9 @@ fn render_writes_the_same_picture_and_layers_as_frames() {
         assert_eq!(r.len(), 4 + 2 + 3 + 3 + 1);
         assert!(r == third && r != fourth, "{more:?}");
         assert!(r.iter().all(|(name, half, _)| *half != name.starts_with("depth")));
+        // A surface's own colour is among them.
+        let green = &r.iter().find(|c| c.0 == "albedo.G").expect("albedo").2;
+        assert_eq!(green.contains(&0.5f32.to_bits()), !more.is_empty());
     }
     let (code, ..) = run(here.path(), &["render", "s.toml", "-o", "r.exr", "--frame", "3"]);
     assert!(code == 0 && channels(&here.path().join("r.exr")).iter().map(|c| c.0.as_str()).eq(["A", "B", "G", "R"]));

@@ -123,6 +123,7 @@ fn what_is_of_no_frame_is_one_sentence_before_the_first() {
         (&["s.toml", "-o", "p/f.#.jpg"][..], 2, "p/f.#.jpg: its extension must be .exr or .png"),
         (&["s.toml", "-o", "p/f.#.exr", "--device", "nope"], 4, "halflight: no Vulkan device: none is called 'nope'"),
         (&["s.toml", "-o", "p/f.#.exr", "--volume.component", "7"], 2, "`volume.component`"),
+        (&["s.toml", "-o", "p/f.#.exr", "--light.probe", "gone.hdr"], 3, "halflight: gone.hdr: cannot read: no such file"),
         (&["s.toml", "-o", "v.nrrd/f.#.exr"], 3, "v.nrrd: cannot make this folder: there is a file of that name; name another"),
         (&["s.toml", "-o", "p/f.#.exr", "--fields", "v.nrrd"], 3, "v.nrrd: cannot make this folder: there is a file of that name"),
         (&["s.toml", "-o", "p/f.#.png", "--exr-type", "half"], 2, "p/f.#.png: only an .exr has the types of --exr-type"),

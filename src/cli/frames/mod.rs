@@ -145,18 +145,21 @@ impl Run<'_> {
     /// Renders and writes a frame; `false` where its file is whole and of this scene already. An error says what it ends.
     fn frame(&mut self, place: usize, path: &Path, going: &dyn Fn() -> bool, paid: &mut Paid) -> Result<bool, (Failure, Ends)> {
         let scene = &self.scenes[place];
+        let first = self.tally.is_empty();
         let own = |f: Failure| {
             let ends = match f.code {
                 3 => Ends::Frame,
-                // The command line, and a device that is not there.
-                2 | 4 => Ends::Run,
+                // A device that is not there; what the command line says, unless it suited the frames before.
+                4 => Ends::Run,
+                2 if first => Ends::Run,
                 _ => Ends::Rest,
             };
             (f, ends)
         };
         let output = self.asked.output(path).map_err(|f| (f, Ends::Rest))?;
         let volume = self.session.volume_hash(scene, going, paid).map_err(own)?;
-        let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(own)?;
+        // Probe and preset are those of all frames.
+        let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(|f| (f, Ends::Run))?;
         let animation = self.asked.scene.animation.as_ref();
         let mut meta = vec![
             ("frame".to_owned(), self.asked.frames[place].to_string()),
