@@ -159,8 +159,9 @@ pub fn escaped(text: &str) -> impl Iterator<Item = char> + '_ {
 fn reason(action: &str, source: &std::io::Error) -> String {
     let opens = matches!(action, "open" | "read");
     let text = match source.kind() {
-        ErrorKind::NotFound if opens => "no such file; check the path (paths in a scene are relative to the scene file)",
+        ErrorKind::NotFound if opens => "no such file; check the path",
         ErrorKind::NotFound => "no such folder; make it first or name another",
+        ErrorKind::AlreadyExists => "there is a file of that name; name another folder, or remove it",
         ErrorKind::NotADirectory => "a part of the path is a file, not a folder; check the path",
         ErrorKind::IsADirectory => "it is a folder; name a file",
         ErrorKind::PermissionDenied if opens => "permission denied; you need the right to read it, and to enter its folder",

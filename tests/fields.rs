@@ -284,5 +284,36 @@ fn a_folder_that_cannot_be_used_is_one_sentence() {
     // No frame's own fault: the others are not begun.
     let out = String::from_utf8_lossy(&done.stdout);
     assert!(out.contains("6 not begun or not finished") && out.contains("failed     1"), "{out}");
-    assert!(files(&here.path().join("fields")).keys().all(|k| k.ends_with(".lock")), "no half of a field");
+    assert!(!here.path().join("fields").exists(), "no half of a field, no lock, and no folder that was made in vain");
+}
+
+#[test]
+fn a_lock_that_lost_its_name_is_not_taken_for_the_one_that_has_it() {
+    let here = there_and_back();
+    let at = |name: &str| here.path().join("fields").join(name);
+    let one = ["-o", "f.#.exr", "--frames", "1", "--fields", "fields"];
+    assert_eq!(counted(here.path(), &one).0, [1, 0, 0]);
+    let name = files(&here.path().join("fields")).into_keys().next().expect("a field");
+    let (field, lock) = (at(&name), at(&name.replace(".nrrd", ".lock")));
+    std::fs::remove_file(&field).expect("removed");
+    let hold = || {
+        let held = std::fs::File::create(&lock).expect("a lock");
+        FileExt::lock(&held).expect("locked");
+        held
+    };
+    let first = hold();
+    let mut node = start(here.path(), &[&one[..], &["--json", "-v"]].concat());
+    let mut lines = BufReader::new(node.stderr.take().expect("stderr")).lines().map_while(Result::ok);
+    assert!(lines.any(|l| l.contains("another process computes this field, waiting for it")));
+    // Its holder gives up and takes the file away; a third process has begun meanwhile.
+    std::fs::remove_file(&lock).expect("removed");
+    let second = hold();
+    drop(first);
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    assert!(node.try_wait().expect("a child").is_none() && !field.exists(), "the field is the third's to compute");
+    drop(second);
+    let done = node.wait_with_output().expect("it ends");
+    assert!(done.status.success());
+    assert_eq!(counts(&String::from_utf8_lossy(&done.stdout)), [1, 0, 0]);
+    assert!(field.exists() && !lock.exists());
 }

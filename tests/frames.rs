@@ -238,3 +238,36 @@ fn each_kind_of_progress_is_what_its_listener_expects() {
         assert!(code == 2 && err.contains("--json prints one object at the end"), "{err}");
     }
 }
+
+/// A picture's channels: name, whether half, numbers.
+fn channels(path: &std::path::Path) -> Vec<(String, bool, Vec<u32>)> {
+    use exr::prelude::{AnyChannel, FlatSamples, ReadChannels, ReadLayers, read};
+    let image = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes().from_file(path);
+    let list = image.expect("a picture").layer_data.channel_data.list;
+    let of = |c: &AnyChannel<FlatSamples>| {
+        let half = matches!(c.sample_data, FlatSamples::F16(_));
+        (c.name.to_string(), half, c.sample_data.values_as_f32().map(f32::to_bits).collect())
+    };
+    list.iter().map(of).collect()
+}
+
+#[test]
+fn render_writes_the_same_picture_and_layers_as_frames() {
+    let here = folder();
+    let layers = ["--aov", "depth,normal,albedo", "--aov", "opacity", "--exr-type", "half", "--compression", "rle"];
+    for more in [&[][..], &["--surface.iso", "120", "--surface.albedo", "0.2,0.5,0.9"]] {
+        let (code, _, err) = frames(here.path(), &[&["-o", "f.#.exr", "--frames", "3-4"], &layers[..], more].concat());
+        assert_eq!(code, 0, "{err}");
+        let (code, _, err) = run(here.path(), &[&["render", "s.toml", "-o", "r.exr", "--frame", "3"], &layers[..], more].concat());
+        assert_eq!(code, 0, "{err}");
+        let [r, third, fourth] = ["r.exr", "f.3.exr", "f.4.exr"].map(|name| channels(&here.path().join(name)));
+        assert_eq!(r.len(), 4 + 2 + 3 + 3 + 1);
+        assert!(r == third && r != fourth, "{more:?}");
+        assert!(r.iter().all(|(name, half, _)| *half != name.starts_with("depth")));
+        // A surface's own colour is among them.
+        let green = &r.iter().find(|c| c.0 == "albedo.G").expect("albedo").2;
+        assert_eq!(green.contains(&0.5f32.to_bits()), !more.is_empty());
+    }
+    let (code, ..) = run(here.path(), &["render", "s.toml", "-o", "r.exr", "--frame", "3"]);
+    assert!(code == 0 && channels(&here.path().join("r.exr")).iter().map(|c| c.0.as_str()).eq(["A", "B", "G", "R"]));
+}

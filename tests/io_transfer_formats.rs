@@ -390,6 +390,8 @@ fn the_command_lists_and_converts() {
         (out.status.code().unwrap_or(-1), text(out.stdout), text(out.stderr))
     };
     let (code, out, _) = run(&["presets.xml", "--list"]);
+    assert_eq!((code, out.as_str()), (0, "Bone\nSkin & fat\nOdd\n"));
+    let (code, out, _) = run(&["presets.xml"]);
     assert!(
         code == 0 && out.contains("3 presets of Slicer") && out.contains("'Bone': 2 colours, 4 opacities, scalars -1000 to 3071"),
         "{out}"

@@ -25,13 +25,13 @@ pub fn command() -> Command {
         )
         .subcommand(
             Command::new("info")
-                .about("Describe a volume, a light probe, a visibility field or a scene")
+                .about("Describe a volume, a light probe, a visibility field, a picture or a scene")
                 .arg(
                     path(
                         "file",
                         "FILE",
-                        "volume (NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, DICOM file or folder, 'slice_####.tif', headerless), probe \
-                         (.hdr, .exr), field (.nrrd), or scene (.toml)",
+                        "volume (NRRD, NIfTI, MetaImage, VTK, OpenVDB, TIFF, PNG, DICOM file or folder, 'slice_####.tif', headerless), \
+                         probe (.hdr, .exr), field (.nrrd), a picture of halflight's own (.exr, .png), or scene (.toml)",
                     )
                     .required(true),
                 )
@@ -97,7 +97,8 @@ pub fn command() -> Command {
                 .arg(scene())
                 .arg(path("out", "FILE", "the picture: .exr (linear) or .png (sRGB)").short('o').long("out").required(true))
                 .arg(frame())
-                .arg(field())
+                .args(super::layers::args().map(|a| a.conflicts_with("reference")))
+                .arg(field().conflicts_with("reference"))
                 .args(wanted())
                 .arg(
                     measure("20", "measure the picture's error at fewer of its pixels against Monte Carlo without harmonics, in about so many seconds [20]")
@@ -139,7 +140,7 @@ pub fn command() -> Command {
                         .value_name("HOW")
                         .value_parser(["auto", "tty", "lines", "openjd", "json", "none"])
                         .default_value("auto")
-                        .help("a bar, a line per frame, what Open Job Description listens to, or JSON lines"),
+                        .help("a bar, a line per frame, what Open Job Description listens to, JSON lines, or none: the summary alone"),
                 )
                 .args(scene_args(OF_FRAMES))
                 .arg(nan_as()),
@@ -275,7 +276,7 @@ fn reference() -> [Arg; 3] {
         Arg::new("samples")
             .long("samples")
             .value_name("N")
-            .value_parser(value_parser!(u32).range(1..=1 << 24))
+            .value_parser(value_parser!(u32).range(32..=1 << 24))
             .requires("reference")
             .help("most samples of a pixel of --reference, in blocks of 16, at least 32 (default: 65536)"),
         Arg::new("seconds")

@@ -109,7 +109,7 @@ fn subject(path: &Path, given: &[(String, String)], bar: &Progress) -> Result<Su
     let name = path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     if loaded.matter.is_vacuum(loaded.volume.range()) {
         let sentence = format!("{}: the scene is empty, there is no error to measure; change its transfer function", shown(path));
-        return Err(Failure { code: 3, sentence });
+        return Err(Failure::new(3, sentence));
     }
     Ok(Subject {
         name: name.strip_suffix(".nii").unwrap_or(&name).to_owned(),

@@ -2,7 +2,7 @@
 
 use super::Context;
 use super::fail::Failure;
-use super::output::{Folder, Kind, Output};
+use super::output::{Folder, Output, PICTURES};
 use super::path_of;
 use super::progress::Progress;
 use super::render::works;
@@ -46,8 +46,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         bar.enter("write");
         let backdrop = demo::BACKGROUND.map(|v| v * 0.5f32.powf(exposure as f32));
         fill_background(&mut picture, &rays, |_| backdrop);
-        for (extension, kind) in [("png", Kind::Png), ("exr", Kind::Exr)] {
-            let output = Output { path: folder.join(format!("{name}.{extension}")), kind };
+        for extension in ["png", "exr"] {
+            let output = Output::check(&folder.join(format!("{name}.{extension}")), PICTURES)?;
             output.write(&picture, exposure, &[("scene".into(), name.into())])?;
             report.wrote(&output.path);
             written.push(output.path.display().to_string());

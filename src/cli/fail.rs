@@ -2,18 +2,30 @@
 
 use halflight::Error;
 use halflight::io::COMMAND_LINE;
+use serde_json::{Value, json};
 
 /// The sentence and the code.
 #[derive(Debug)]
 pub struct Failure {
     pub code: u8,
     pub sentence: String,
+    /// Whether a JSON object on stdout says it already.
+    pub told: bool,
 }
 
 impl Failure {
+    pub fn new(code: u8, sentence: impl Into<String>) -> Self {
+        Self { code, sentence: sentence.into(), told: false }
+    }
+
     /// Wrong usage: code 2.
     pub fn usage(sentence: impl Into<String>) -> Self {
-        Self { code: 2, sentence: sentence.into() }
+        Self::new(2, sentence)
+    }
+
+    /// As an object of its own.
+    pub fn json(&self) -> Value {
+        json!({ "error": self.sentence, "code": self.code })
     }
 }
 
@@ -31,7 +43,7 @@ fn code(error: &Error) -> u8 {
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self { code: code(&error), sentence: error.to_string() }
+        Self::new(code(&error), error.to_string())
     }
 }
 

@@ -1,18 +1,37 @@
 //! Field files: what they say of their making, and whether they are a scene's.
 
 use super::fail::Failure;
+use clap::ArgMatches;
 use halflight::engine::{Engine, Field};
 use halflight::error::{Error, shown};
-use halflight::io::{self, ReadOptions};
+use halflight::io::{self, COMMAND_LINE, ReadOptions};
 use halflight::measure::Report;
 use halflight::scene::{Grid, Matter, Scene, Visibility, Volume};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use halflight::io::FieldKeys as Keys;
 
 /// What a scene's field is of.
 pub fn keys(scene: &Scene, volume: &Volume, matter: &Matter) -> Keys {
     Keys::of(volume, matter, &scene.clip.half_spaces(volume.grid()))
+}
+
+/// The file that `--field` names, looked at before any work: whether it is a field at all, and whether the command line asks for
+/// another beside it.
+pub fn given(m: &ArgMatches, scene: &Scene) -> Result<Option<PathBuf>, Failure> {
+    let Some(path) = m.get_one::<PathBuf>("field") else { return Ok(None) };
+    // One in the scene may be how the field was made.
+    let asked = |word: &&&str| scene.origins.keys.get(&format!("visibility.{word}")).is_some_and(|o| o == COMMAND_LINE);
+    if let Some(word) = ["tolerance", "quality"].iter().find(asked) {
+        return Err(Failure::usage(format!(
+            "--{word} chooses how a field is computed, and --field takes one from a file; drop one of the two"
+        )));
+    }
+    if !io::is_nrrd_field(path)? {
+        // Other programs' may lack what those of halflight begin with; the reader says what is wrong with all else.
+        io::read_nrrd_field(path, &ReadOptions::default())?;
+    }
+    Ok(Some(path.clone()))
 }
 
 /// A field on the device, and what its file says was measured of it.

@@ -2,6 +2,7 @@
 //! field are the library's: [`field_keys`].
 
 use super::fail::Failure;
+use super::load;
 use halflight::error::Error;
 use halflight::io;
 use halflight::io::field_keys::{self, hex};
@@ -23,17 +24,21 @@ pub fn text(text: &str) -> String {
 
 /// A frame: its scene with the contents of its files in place of their names, and how its file is written.
 pub fn frame(scene: &Scene, volume: &str, files: &mut Files, written: &str) -> Result<String, Failure> {
-    let mut scene = scene.clone();
-    scene.volume.file = volume.into();
-    if let LightSource::Probe(path) = &mut scene.light.source {
-        *path = files.hash(path)?.into();
+    let mut hashed = scene.clone();
+    hashed.volume.file = volume.into();
+    let mut hash = |key: &str, path: &mut PathBuf| {
+        *path = files.hash(path).map_err(|e| load::of_file(scene, key, e))?.into();
+        Ok::<_, Failure>(())
+    };
+    if let LightSource::Probe(path) = &mut hashed.light.source {
+        hash("light.probe", path)?;
     }
-    if let TransferSource::File { path, .. } = &mut scene.transfer {
-        *path = files.hash(path)?.into();
+    if let TransferSource::File { path, .. } = &mut hashed.transfer {
+        hash("transfer.file", path)?;
     }
     let mut hasher = blake3::Hasher::new();
     hasher.update(concat!("halflight ", env!("CARGO_PKG_VERSION"), "\n").as_bytes()).update(written.as_bytes()).update(b"\n");
-    hasher.update(io::scene_text(&scene).as_bytes());
+    hasher.update(io::scene_text(&hashed).as_bytes());
     Ok(hex(&hasher))
 }
 
@@ -42,7 +47,7 @@ pub fn frame(scene: &Scene, volume: &str, files: &mut Files, written: &str) -> R
 pub struct Files(Vec<(PathBuf, String)>);
 
 impl Files {
-    fn hash(&mut self, path: &Path) -> Result<String, Failure> {
+    fn hash(&mut self, path: &Path) -> Result<String, Error> {
         if let Some((_, hash)) = self.0.iter().find(|(known, _)| known == path) {
             return Ok(hash.clone());
         }

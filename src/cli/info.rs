@@ -3,18 +3,19 @@
 use super::Context;
 use super::args_keys::{OF_VOLUME, check_used, overrides};
 use super::fail::Failure;
+use super::info_scene;
 use super::load;
+use super::output::Folder;
 use super::path_of;
 use super::progress::Progress;
 use super::report::Report;
 use clap::ArgMatches;
 use halflight::chart;
-use halflight::engine::precompute_memory;
 use halflight::error::{Error, bytes, escaped, shown};
-use halflight::io::{self, NrrdField, VolumeInfo};
+use halflight::io::{self, NrrdField, PictureInfo, VolumeInfo};
 use halflight::measure;
 use halflight::scene::{Probe, Scene};
-use serde_json::{Value, json};
+use serde_json::{Map, json};
 use std::io::Write;
 use std::path::Path;
 
@@ -24,6 +25,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let path = path_of(m, "file")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
     report.set("file", json!(path.display().to_string()));
+    let single = !load::is_scene(path) && !io::is_volume_set(path);
+    let picture = if single { io::describe_picture(path)? } else { None };
     if load::is_scene(path) {
         let scene = load::scene(path, &overrides)?;
         let loaded = load::load(&scene, &Progress::new(&[load::READ]))?;
@@ -31,13 +34,18 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         let info = io::describe(&loaded.volume);
         volume(&mut report, &scene, &info)?;
         plot(&mut report, m, &scene, &info)?;
-        about_scene(&mut report, &scene, &loaded);
-    } else if !io::is_volume_set(path) && io::is_probe(path)? {
+        info_scene::say(&mut report, &scene, &loaded);
+    } else if let Some(info) = picture {
+        no_plot(m, "a picture")?;
+        check_used(&overrides, &[], "the description of a picture").map_err(Failure::usage)?;
+        report.set("kind", json!("picture"));
+        self::picture(&mut report, path, &info);
+    } else if single && io::is_probe(path)? {
         no_plot(m, "a probe")?;
         check_used(&overrides, &[], "the description of a probe").map_err(Failure::usage)?;
         report.set("kind", json!("probe"));
         probe(&mut report, path, &io::read_probe(path)?);
-    } else if !io::is_volume_set(path) && io::is_nrrd_field(path)? {
+    } else if single && io::is_nrrd_field(path)? {
         no_plot(m, "a field")?;
         check_used(&overrides, &[], "the description of a field").map_err(Failure::usage)?;
         report.set("kind", json!("field"));
@@ -74,8 +82,7 @@ fn volume(report: &mut Report, scene: &Scene, info: &VolumeInfo) -> Result<(), F
         report.line("rescale", format!("{}·sample + {}", info.slope, info.intercept));
     }
     report.line("histogram", bars(&info.histogram));
-    let value =
-        serde_json::to_value(info).map_err(|e| Failure { code: 1, sentence: format!("the description cannot be written as JSON: {e}") })?;
+    let value = serde_json::to_value(info).map_err(|e| Failure::new(1, format!("the description cannot be written as JSON: {e}")))?;
     report.set("volume", value);
     Ok(())
 }
@@ -108,12 +115,13 @@ fn plot(report: &mut Report, m: &ArgMatches, scene: &Scene, info: &VolumeInfo) -
         "png" => chart::histogram_png(&name, info, &points)?,
         _ => return Err(Failure::usage(format!("--plot {}: it must end in .png or .svg", shown(path)))),
     };
+    let _made = Folder::around(path)?;
     io::write_aside(path, |out| out.write_all(&bytes).map_err(|source| Error::Io { path: path.clone(), action: "write", source }))?;
     report.wrote(path);
     Ok(())
 }
 
-fn v3(v: [f64; 3]) -> String {
+pub fn v3(v: [f64; 3]) -> String {
     // An axis has no direction -0.
     let v = v.map(|x| x + 0.0);
     format!("[{}, {}, {}]", short(v[0]), short(v[1]), short(v[2]))
@@ -133,13 +141,42 @@ fn field(report: &mut Report, path: &Path, field: &NrrdField) {
     report.line("spacing", v3(grid.spacing()));
     report.line("corner", v3(corner));
     report.line("visible", format!("{:.2} % of the directions, on average", 100.0 * visible));
-    let measured = measure::Report::from_meta(&field.meta);
+    header(report, &field.meta);
+    report.set(
+        "field",
+        json!({
+            "dims": grid.dims(), "coefficients": coefficients, "bytes": size, "spacing": grid.spacing(), "corner": corner,
+            "visible": visible,
+        }),
+    );
+}
+
+/// A picture of halflight's own, and the scene that it shows.
+fn picture(report: &mut Report, path: &Path, info: &PictureInfo) {
+    // "RGBA float, depth float": the channels before the first point are the picture itself.
+    let mut layers: Vec<String> = Vec::new();
+    for (name, number) in &info.channels {
+        let layer = format!("{} {number}", name.split_once('.').map_or("RGBA", |(layer, _)| layer));
+        if !layers.contains(&layer) {
+            layers.push(layer);
+        }
+    }
+    report.line("picture", format!("{}, {}x{} pixels, written by {}", path.display(), info.width, info.height, info.software));
+    report.line("layers", layers.join(", "));
+    header(report, &info.meta);
+    let channels: Map<_, _> = info.channels.iter().map(|(name, number)| (name.clone(), json!(number))).collect();
+    report.set("picture", json!({ "width": info.width, "height": info.height, "channels": channels, "software": info.software }));
+}
+
+/// What a file's header says of its making.
+fn header(report: &mut Report, meta: &[(String, String)]) {
+    let measured = measure::Report::from_meta(meta);
     if let Some(measured) = &measured {
         super::precompute::say(report, measured);
     }
     // Said already, where it can be read.
     let shown = |key: &str| measured.is_none() || !measure::Report::KEYS.contains(&key);
-    for (key, value) in field.meta.iter().filter(|(key, _)| shown(key)) {
+    for (key, value) in meta.iter().filter(|(key, _)| shown(key)) {
         let (key, mut lines) = (escaped(key).collect::<String>(), value.lines().map(|l| escaped(l).collect::<String>()));
         if value.trim_end().contains('\n') {
             report.line(&key, "");
@@ -148,14 +185,7 @@ fn field(report: &mut Report, path: &Path, field: &NrrdField) {
             report.line(&key, lines.next().unwrap_or_default());
         }
     }
-    report.set(
-        "field",
-        json!({
-            "dims": grid.dims(), "coefficients": coefficients, "bytes": size, "spacing": grid.spacing(), "corner": corner,
-            "visible": visible,
-        }),
-    );
-    report.set("meta", field.meta.iter().map(|(k, v)| (k.clone(), json!(v))).collect::<serde_json::Map<_, _>>().into());
+    report.set("meta", meta.iter().map(|(k, v)| (k.clone(), json!(v))).collect::<Map<_, _>>().into());
 }
 
 fn probe(report: &mut Report, path: &Path, probe: &Probe) {
@@ -168,41 +198,6 @@ fn probe(report: &mut Report, path: &Path, probe: &Probe) {
     report.set("height", json!(probe.height()));
     report.set("mean", json!(mean));
     report.set("brightest", json!(brightest));
-}
-
-fn about_scene(report: &mut Report, scene: &Scene, loaded: &load::Loaded) {
-    let (grid, v) = (loaded.volume.grid(), &scene.visibility);
-    let [fx, fy, fz] = grid.field_dims(v.ratio as usize);
-    let (kept, scratch) = precompute_memory(grid, v);
-    match scene.surface {
-        Some(s) => report.line("surface", format!("iso {} ({:?})", s.iso, s.shading)),
-        None => report.line(
-            "matter",
-            format!("{} colour and {} opacity points", loaded.matter.transfer.colors().len(), loaded.matter.transfer.opacities().len()),
-        ),
-    }
-    report.line("light", format!("{:?}", scene.light.source));
-    match scene.wanted {
-        Some(wanted) => report.line("field", format!("planned when it is computed, for an error of {}", wanted.tolerance())),
-        None => {
-            report.line("field", format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {:?}", v.coefficients(), v.directions, v.method));
-        }
-    }
-    report.line("memory", format!("at most {} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
-    let (p, t) = (loaded.camera.position, loaded.camera.target);
-    report.line("camera", format!("at {} towards {}, {} degrees", v3(p.to_array()), v3(t.to_array()), loaded.camera.fov_degrees));
-    report.line("image", format!("{}x{} pixels", scene.image.width, scene.image.height));
-    if let Some(animation) = &scene.animation {
-        let tracks: Vec<&str> = animation.tracks.iter().map(|t| t.channel).collect();
-        let range = animation.range();
-        report
-            .line("animation", format!("frames {} to {}, {} a second; {}", range.start(), range.end(), animation.rate, tracks.join(", ")));
-    }
-    let given: serde_json::Map<String, Value> = scene.origins.keys.iter().map(|(k, o)| (k.clone(), json!(o))).collect();
-    report.set("given", Value::Object(given));
-    report.set("field", json!({ "dims": [fx, fy, fz], "coefficients": v.coefficients(), "bytes": kept, "scratch_bytes": scratch }));
-    report.set("camera", json!({ "position": p.to_array(), "target": t.to_array(), "fov": loaded.camera.fov_degrees }));
-    report.set("image", json!({ "width": scene.image.width, "height": scene.image.height }));
 }
 
 /// A histogram in one line; the heights are logarithmic, empty bins are dots.

@@ -2,14 +2,17 @@
 
 use super::fail::Failure;
 use super::output::{Kind, Output};
+use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches};
-use halflight::engine::{Behind, LAYERS, layer_channels};
+use halflight::Error;
+use halflight::engine::{Behind, Engine, LAYERS, Lit, Medium, Progress, layer_channels, surface_layers};
 use halflight::error::shown;
 use halflight::io::{self, ExrChannel, ExrCompression, ExrOptions};
-use halflight::scene::{Picture, Scene};
+use halflight::scene::{Camera, ImageSettings, Matter, Picture, Scene};
+use halflight::stages::aov;
 use std::path::Path;
 
-/// How frames are written.
+/// How pictures are written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// Places in [`LAYERS`].
@@ -23,7 +26,7 @@ pub struct Layers {
     pub behind: Vec<Behind>,
 }
 
-/// The options of `frames` that say it.
+/// The options that say it.
 pub fn args() -> [Arg; 3] {
     [
         Arg::new("aov")
@@ -53,8 +56,10 @@ impl Written {
         let names: Vec<&String> = m.get_many("aov").map(Iterator::collect).unwrap_or_default();
         let aovs: Vec<usize> = (0..LAYERS.len()).filter(|&i| names.iter().any(|n| *n == LAYERS[i].0)).collect();
         let is_exr = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-        if !aovs.is_empty() && !is_exr {
-            return Err(Failure::usage(format!("{}: only an .exr holds the layers of --aov", shown(out))));
+        let given = |(id, _): &&(&str, &str)| m.value_source(id) == Some(ValueSource::CommandLine);
+        let of_exr = [("aov", "holds the layers"), ("exr-type", "has the types"), ("compression", "has the compressions")];
+        if let Some((id, does)) = of_exr.iter().find(given).filter(|_| !is_exr) {
+            return Err(Failure::usage(format!("{}: only an .exr {does} of --{id}", shown(out))));
         }
         let word = |id: &str| m.get_one::<String>(id).map_or("", String::as_str);
         let options = ExrOptions {
@@ -75,12 +80,36 @@ impl Written {
         !self.aovs.is_empty()
     }
 
+    /// Device memory that gathering it takes, bytes.
+    pub fn bytes(&self, image: &ImageSettings) -> u64 {
+        if self.behind() { aov::BYTES * ((image.width * image.height) as u64).min(aov::MOST) } else { 0 }
+    }
+
+    /// What lies behind the pixels of a picture and its `hits`, if that is wanted.
+    pub fn gather(
+        &self,
+        engine: &Engine,
+        (medium, matter, lit): (&Medium, &Matter, &Lit),
+        (camera, image): (&Camera, &ImageSettings),
+        (picture, hits): (&Picture, &[f32]),
+        progress: &mut Progress,
+    ) -> Result<Vec<Behind>, Error> {
+        if !self.behind() {
+            return Ok(Vec::new());
+        }
+        let mut behind = engine.aovs(medium, lit, camera, image, hits, progress)?;
+        if let Some(albedo) = matter.surface_albedo() {
+            surface_layers(&mut behind, picture, albedo);
+        }
+        Ok(behind)
+    }
+
     /// What tells one way of writing from another.
     pub fn text(&self) -> String {
         format!("{:?} {:?}", self.aovs.iter().map(|&i| LAYERS[i].0).collect::<Vec<_>>(), self.options)
     }
 
-    /// Writes a frame.
+    /// Writes a picture.
     pub fn write(&self, output: &Output, layers: &Layers, scene: &Scene, meta: &[(String, String)]) -> Result<(), Failure> {
         if output.kind != Kind::Exr {
             let gain = scene.image.exposure;

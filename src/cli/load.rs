@@ -3,9 +3,11 @@
 use super::fail::Failure;
 use super::progress::Progress;
 use halflight::error::Error;
-use halflight::io::{self, RawLayout, ReadOptions, SampleType, TransferOptions, VolumeInfo};
+use halflight::io::{self, COMMAND_LINE, RawLayout, ReadOptions, SampleType, TransferOptions, VolumeInfo};
+use halflight::scene::animation::Animation;
 use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSource, ramp};
 use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
+use std::io::ErrorKind;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -39,7 +41,7 @@ pub fn is_scene(path: &Path) -> bool {
 
 /// The scene's volume.
 pub fn volume(scene: &Scene, bar: &Progress) -> Result<Volume, Failure> {
-    read(scene, bar, &|| true, |options| io::read_volume(&scene.volume.file, options))
+    read(scene, bar, &|| bar.going(), |options| io::read_volume(&scene.volume.file, options))
 }
 
 /// The same without a bar, as long as `going`.
@@ -74,7 +76,17 @@ fn read<T>(
         progress: Some(&show),
         ..ReadOptions::default()
     };
-    Ok(with(&options).map_err(|e| scene.origins.blame(e))?)
+    with(&options).map_err(|e| of_file(scene, "volume.file", scene.origins.blame(e)))
+}
+
+/// What is wrong with a file that `key` names. Who misses one that the scene names may not know what its path is relative to.
+pub fn of_file(scene: &Scene, key: &str, error: Error) -> Failure {
+    let missing = matches!(&error, Error::Io { action: "open" | "read", source, .. } if source.kind() == ErrorKind::NotFound);
+    let mut failure = Failure::from(error);
+    if missing && scene.origins.of(key) != COMMAND_LINE {
+        failure.sentence += " (paths in a scene are relative to the scene file)";
+    }
+    failure
 }
 
 /// Reads all that the scene names and checks it against the data. The small files come first: their errors should not
@@ -88,8 +100,30 @@ pub fn load(scene: &Scene, bar: &Progress) -> Result<Loaded, Failure> {
     Ok(Loaded { volume, matter, probe, light, camera })
 }
 
-/// The scene's matter, checked against the data.
+/// Refuses a frame that the animation does not have.
+pub fn check_frame(animation: &Animation, frame: i64, option: &str) -> Result<(), Failure> {
+    let range = animation.range();
+    match range.contains(&frame) {
+        true => Ok(()),
+        false => Err(Failure::usage(format!(
+            "frame {frame} lies outside the animation, which has {} to {}; change animation.frames or {option}",
+            range.start(),
+            range.end()
+        ))),
+    }
+}
+
+/// The scene's matter, checked against the data; says where nothing will be seen.
 pub fn matter(scene: &Scene, volume: &Volume) -> Result<Matter, Failure> {
+    let (matter, [lo, hi]) = (checked_matter(scene, volume)?, volume.range());
+    if matter.is_vacuum([lo, hi]) {
+        log::warn!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty");
+    }
+    Ok(matter)
+}
+
+/// The same without a word.
+pub fn checked_matter(scene: &Scene, volume: &Volume) -> Result<Matter, Failure> {
     let transfer = transfer(scene, volume)?;
     let [lo, hi] = volume.range();
     if let Some(surface) = scene.surface
@@ -98,26 +132,20 @@ pub fn matter(scene: &Scene, volume: &Volume) -> Result<Matter, Failure> {
         let what = format!("is {}, outside the data's range {lo} to {hi}", surface.iso);
         let error = scene.origins.error("surface.iso", what, "choose a value within the range");
         // Only the data shows it: bad input, wherever the value was written.
-        return Err(Failure { code: 3, sentence: error.to_string() });
+        return Err(Failure::new(3, error.to_string()));
     }
-    let matter = Matter { transfer, surface: scene.surface };
-    if matter.is_vacuum([lo, hi]) {
-        log::warn!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty");
-    }
-    Ok(matter)
+    Ok(Matter { transfer, surface: scene.surface })
 }
 
-/// A probe and its light, unprepared.
-pub fn probe(path: &Path) -> Result<(Probe, Light), Failure> {
-    let probe = io::read_probe(path)?;
-    let light = Light::from_probe(&probe);
-    Ok((probe, light))
+/// The scene's probe.
+pub fn probe(scene: &Scene, path: &Path) -> Result<Probe, Failure> {
+    io::read_probe(path).map_err(|e| of_file(scene, "light.probe", e))
 }
 
 /// The scene's light, and its probe for the background.
 pub fn light(scene: &Scene) -> Result<(Option<Probe>, Light), Failure> {
     let probe = match &scene.light.source {
-        LightSource::Probe(path) => Some(io::read_probe(path)?),
+        LightSource::Probe(path) => Some(probe(scene, path)?),
         LightSource::Constant(_) => None,
     };
     let light = match (&probe, &scene.light.source) {
@@ -135,7 +163,7 @@ fn transfer(scene: &Scene, volume: &Volume) -> Result<Transfer, Failure> {
         TransferSource::File { path, name, range, reference } => {
             let data_range = volume.range().map(f64::from);
             let options = TransferOptions { range: *range, data_range, reference: *reference, name: name.clone() };
-            io::read_transfer(path, &options)?
+            io::read_transfer(path, &options).map_err(|e| of_file(scene, "transfer.file", e))?
         }
     })
 }

@@ -11,6 +11,7 @@ mod field_file;
 mod fingerprint;
 mod frames;
 mod info;
+mod info_scene;
 mod layers;
 mod light;
 mod load;
@@ -21,6 +22,7 @@ mod progress;
 mod reference;
 mod render;
 mod report;
+mod signals;
 mod transfer;
 
 use clap::ArgMatches;
@@ -53,7 +55,7 @@ impl Context {
         let messages = if self.options.validation { engine.validation_errors() } else { Vec::new() };
         match messages.first() {
             None => Ok(()),
-            Some(first) => Err(Failure { code: 1, sentence: format!("{} validation messages, the first: {first}", messages.len()) }),
+            Some(first) => Err(Failure::new(1, format!("{} validation messages, the first: {first}", messages.len()))),
         }
     }
 }
@@ -70,11 +72,11 @@ pub fn main() -> ExitCode {
         Ok(Ok(())) => return ExitCode::SUCCESS,
         Ok(Err(failure)) => failure,
         // The panic's own text is on stderr already.
-        Err(_) => Failure { code: 1, sentence: "internal error, please report it with the text above".into() },
+        Err(_) => Failure::new(1, "internal error, please report it with the text above"),
     };
     eprintln_quietly(&format!("halflight: {}", failure.sentence));
-    if json {
-        let _ = say(&json!({ "error": failure.sentence, "code": failure.code }).to_string());
+    if json && !failure.told {
+        let _ = say(&failure.json().to_string());
     }
     ExitCode::from(failure.code)
 }

@@ -17,20 +17,31 @@ pub enum Kind {
 }
 
 /// A place that can be written to.
-#[derive(Clone, Debug)]
 pub struct Output {
     pub path: PathBuf,
     pub kind: Kind,
+    /// Made in vain, it goes again.
+    _folder: Folder,
 }
 
 impl Output {
-    /// Checks extension and folder of `path`.
+    /// Checks `path`, and makes its folder where that is missing.
     pub fn check(path: &Path, kinds: &[(&str, Kind)]) -> Result<Self, Failure> {
+        let kind = Self::kind(path, kinds)?;
+        Ok(Self { path: path.to_owned(), kind, _folder: Folder::around(&Self::file(path)?)? })
+    }
+
+    /// What the extension of `path` says.
+    pub fn kind(path: &Path, kinds: &[(&str, Kind)]) -> Result<Kind, Failure> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let Some((_, kind)) = kinds.iter().find(|(name, _)| *name == extension) else {
+        kinds.iter().find(|(name, _)| *name == extension).map(|(_, kind)| *kind).ok_or_else(|| {
             let names: Vec<String> = kinds.iter().map(|(name, _)| format!(".{name}")).collect();
-            return Err(Failure::usage(format!("{}: its extension must be {}", shown(path), names.join(" or "))));
-        };
+            Failure::usage(format!("{}: its extension must be {}", shown(path), names.join(" or ")))
+        })
+    }
+
+    /// The file that writing to `path` means; refuses what is there and is none.
+    pub fn file(path: &Path) -> Result<PathBuf, Failure> {
         // "o.png/" is the name of a folder, whether or not there is one; `Path` itself looks past the slash.
         let name = path.file_name().unwrap_or_default().as_encoded_bytes();
         if path.is_dir() || !path.as_os_str().as_encoded_bytes().ends_with(name) {
@@ -40,8 +51,7 @@ impl Output {
         if target.metadata().is_ok_and(|m| !m.is_file()) {
             return Err(Failure::usage(format!("{}: is a pipe or a device; name a regular file", shown(path))));
         }
-        check_folder(target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
-        Ok(Self { path: path.to_owned(), kind: *kind })
+        Ok(target)
     }
 
     /// Refuses to overwrite what the command reads.
@@ -76,23 +86,36 @@ fn same_file(a: &Path, b: &Path) -> bool {
 }
 
 /// A folder that is made where it is missing; made in vain, it goes again.
-pub struct Folder(Vec<PathBuf>);
+pub struct Folder {
+    path: PathBuf,
+    made: Vec<PathBuf>,
+}
 
 impl Folder {
+    /// Makes the folder that holds `file`.
+    pub fn around(file: &Path) -> Result<Self, Failure> {
+        Self::make(file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))
+    }
+
     /// Makes `path` and what is missing above it, and checks that files can be made there.
     pub fn make(path: &Path) -> Result<Self, Failure> {
         let missing = path.ancestors().filter(|p| !p.as_os_str().is_empty() && !p.exists()).map(Path::to_owned).collect();
-        let made = Self(missing);
+        let made = Self { path: path.to_owned(), made: missing };
         std::fs::create_dir_all(path).map_err(|source| Error::Io { path: path.to_owned(), action: "make this folder", source })?;
         check_folder(path)?;
         Ok(made)
+    }
+
+    /// What is in it.
+    pub fn entries(&self) -> Result<std::fs::ReadDir, Failure> {
+        Ok(std::fs::read_dir(&self.path).map_err(|source| Error::Io { path: self.path.clone(), action: "read", source })?)
     }
 }
 
 impl Drop for Folder {
     fn drop(&mut self) {
         // Only empty folders can be removed this way: where a file was written, all stay.
-        for folder in &self.0 {
+        for folder in &self.made {
             let _ = std::fs::remove_dir(folder);
         }
     }
@@ -102,7 +125,7 @@ impl Drop for Folder {
 pub const PICTURES: &[(&str, Kind)] = &[("exr", Kind::Exr), ("png", Kind::Png)];
 
 /// Whether files can be made in `folder`; says so now rather than after the work.
-pub fn check_folder(folder: &Path) -> Result<(), Failure> {
+fn check_folder(folder: &Path) -> Result<(), Failure> {
     let fail = |source| Error::Io { path: folder.to_owned(), action: "write into this folder", source };
     std::fs::read_dir(folder).map_err(fail)?;
     match tempfile::Builder::new().prefix(".halflight-").tempfile_in(folder) {

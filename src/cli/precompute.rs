@@ -8,8 +8,9 @@ use super::load;
 use super::output::Kind;
 use super::plan;
 use super::progress::Progress;
-use super::render::{asked, finish, header, visibility, works};
+use super::render::{asked, finish, header, stoppable, visibility, works};
 use super::report::Report;
+use super::signals::Signals;
 use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, Span};
 use halflight::io;
@@ -20,6 +21,10 @@ use serde_json::json;
 
 /// `halflight precompute SCENE -o FIELD.nrrd [--measure[=SECONDS]]`
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+    stoppable(|signals| computed(context, m, signals))
+}
+
+fn computed(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Failure> {
     let mut report = context.report();
     let (mut scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
     let budget = m.get_one::<f64>("measure").copied();
@@ -30,7 +35,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     if scene.wanted.is_some() {
         stages.insert(2, plan::STAGE);
     }
-    let bar = Progress::new(&stages);
+    let bar = Progress::new(&stages).until(signals);
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
     let (medium, field) = visibility(&engine, &mut scene, &loaded, (None, None), &bar, &mut report)?;
@@ -46,6 +51,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         let measured = measured(&engine, &loaded.volume, &medium, (&field, &data), &budget, &bar, &mut report)?;
         meta.extend(measured.meta());
     }
+    bar.check()?;
     bar.enter("write");
     io::write_nrrd_field(&output.path, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
     drop(bar);

@@ -1,5 +1,7 @@
 //! The progress bar, one for a whole command: on stderr when that is a terminal, otherwise nothing.
 
+use super::signals::Signals;
+use halflight::Error;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
@@ -15,6 +17,8 @@ pub struct Progress {
     bar: Option<ProgressBar>,
     start: Instant,
     clock: RefCell<Clock>,
+    /// What ends the work.
+    signals: Option<Signals>,
 }
 
 impl Progress {
@@ -32,13 +36,29 @@ impl Progress {
         if let Ok(mut shown) = SHOWN.lock() {
             shown.clone_from(&bar);
         }
-        Self { bar, start: Instant::now(), clock }
+        Self { bar, start: Instant::now(), clock, signals: None }
     }
 
     /// No bar: for what is part of a larger whole.
     pub fn silent() -> Self {
         let clock = RefCell::new(Clock { stages: Vec::new(), at: 0, entered: 0.0, spent: 0.0, fraction: 0.0 });
-        Self { bar: None, start: Instant::now(), clock }
+        Self { bar: None, start: Instant::now(), clock, signals: None }
+    }
+
+    /// The same, of work that a signal ends.
+    pub fn until(mut self, signals: &Signals) -> Self {
+        self.signals = Some(signals.clone());
+        self
+    }
+
+    /// Whether no signal has come.
+    pub fn going(&self) -> bool {
+        self.signals.as_ref().is_none_or(Signals::going)
+    }
+
+    /// A place to stop at: after what a signal may have cut short, and before something is written.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.going() { Ok(()) } else { Err(Error::Cancelled) }
     }
 
     /// How much work the long stages are, in any one unit; said before the first of them begins.
@@ -68,11 +88,11 @@ impl Progress {
         }
     }
 
-    /// For the engine's jobs, each a stage; never asks them to stop.
+    /// For the engine's jobs, each a stage.
     pub fn job(&self) -> impl FnMut(&'static str, f32) -> ControlFlow<()> + '_ {
         |_, fraction| {
             self.show(f64::from(fraction));
-            ControlFlow::Continue(())
+            if self.going() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         }
     }
 }

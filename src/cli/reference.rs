@@ -7,6 +7,7 @@ use super::load;
 use super::output::{Kind, PICTURES};
 use super::progress::Progress;
 use super::render::{asked, background, finish, header};
+use super::signals::Signals;
 use clap::ArgMatches;
 use halflight::engine::ReferenceSettings;
 use halflight::io;
@@ -14,7 +15,7 @@ use halflight::scene::Sky;
 use serde_json::json;
 
 /// `halflight render SCENE -o FRAME.exr|png --reference[=ERROR]`
-pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
+pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Failure> {
     let mut report = context.report();
     let (scene, output) = asked(m, PICTURES, OF_REFERENCE)?;
     let defaults = ReferenceSettings::default();
@@ -24,7 +25,7 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         seconds: m.get_one("seconds").copied(),
         ..defaults
     };
-    let bar = Progress::new(&[load::READ, "upload", "reference", "write"]);
+    let bar = Progress::new(&[load::READ, "upload", "reference", "write"]).until(signals);
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
     let ([x, y, z], [lo, hi], kind) = (loaded.volume.grid().dims(), loaded.volume.range(), loaded.volume.samples().type_name());
@@ -41,6 +42,7 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let reference = engine
         .render_reference(&medium, &sky, &loaded.camera, &scene.image, &settings, &mut bar.job())
         .map_err(|e| scene.origins.blame(e))?;
+    bar.check()?;
     bar.enter("write");
     let (samples, error) = (reference.samples, reference.relative_error);
     let mut picture = reference.picture;

@@ -4,12 +4,14 @@ use super::Context;
 use super::args_keys::{OF_REFERENCE, OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::field_file;
+use super::layers::{Layers, Written};
 use super::load::{self, Loaded};
 use super::output::{Kind, Output, PICTURES};
 use super::path_of;
 use super::plan;
 use super::progress::Progress;
 use super::report::Report;
+use super::signals::Signals;
 use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, Span};
 use halflight::error::bytes;
@@ -19,33 +21,50 @@ use halflight::scene::scene::{Background, LightSource, TransferSource, fill_back
 use halflight::scene::visibility::Method;
 use halflight::scene::{Camera, Grid, ImageSettings, Picture, Probe, Scene, Sky, Visibility, scene_at};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// `halflight render SCENE -o FRAME.exr|png`
 pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
-    if m.contains_id("reference") {
-        return super::reference::render(context, m);
-    }
+    stoppable(|signals| match m.contains_id("reference") {
+        true => super::reference::render(context, m, signals),
+        false => plain(context, m, signals),
+    })
+}
+
+/// Work that SIGINT and SIGTERM end at the next dispatch or piece of a volume's file, before its output is written.
+pub fn stoppable(work: impl FnOnce(&Signals) -> Result<(), Failure>) -> Result<(), Failure> {
+    let signals = Signals::listen()?;
+    work(&signals).map_err(|failure| signals.failure().unwrap_or(failure))
+}
+
+fn plain(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Failure> {
     let mut report = context.report();
     let (mut scene, output) = asked(m, PICTURES, OF_SCENE)?;
+    let (given, written) = (field_file::given(m, &scene)?, Written::of(m, &output.path)?);
     let mut stages = vec![load::READ, "upload", "visibility", "relight", "render", "write"];
     let budget = m.get_one::<f64>("measure").copied();
     if budget.is_some() {
         stages.insert(5, "measure");
     }
+    if written.behind() {
+        stages.insert(5, "layers");
+    }
     if scene.wanted.is_some() {
         stages.insert(2, plan::STAGE);
     }
-    let bar = Progress::new(&stages);
+    let bar = Progress::new(&stages).until(signals);
     let loaded = load::load(&scene, &bar)?;
     let engine = context.engine()?;
-    let pixels = Some((scene.image.width, scene.image.height));
-    let (medium, field) =
-        visibility(&engine, &mut scene, &loaded, (pixels, m.get_one::<PathBuf>("field").map(PathBuf::as_path)), &bar, &mut report)?;
+    let (medium, field) = visibility(&engine, &mut scene, &loaded, (Some(&written), given.as_deref()), &bar, &mut report)?;
     bar.enter("relight");
     let lit = engine.relight(&field, &loaded.light)?;
     bar.enter("render");
-    let mut picture = engine.render(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
+    let (mut picture, hits) = engine.render_with_distance(&medium, &lit, &loaded.camera, &scene.image, &mut bar.job())?;
+    if written.behind() {
+        bar.enter("layers");
+    }
+    let of = (&medium, &loaded.matter, &lit);
+    let behind = written.gather(&engine, of, (&loaded.camera, &scene.image), (&picture, &hits), &mut bar.job())?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
     let spans = engine.take_timings();
@@ -64,9 +83,10 @@ pub fn render(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
             None => report.line("error", "not measured: nothing is seen"),
         }
     }
+    bar.check()?;
     bar.enter("write");
     background(&scene, &loaded, &mut picture)?;
-    output.write(&picture, scene.image.exposure, &meta)?;
+    written.write(&output, &Layers { picture, behind }, &scene, &meta)?;
     drop(bar);
     finish(context, report, &engine, &spans, &output)
 }
@@ -91,9 +111,8 @@ pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(S
     let output = Output::check(path_of(m, "out")?, kinds)?;
     let mut scene = load::scene(path, &overrides)?;
     if let Some(&frame) = m.try_get_one::<i64>("frame").ok().flatten() {
-        if scene.animation.is_none() {
-            return Err(Failure::usage("--frame: the scene has no [animation]"));
-        }
+        let animation = scene.animation.as_ref().ok_or_else(|| Failure::usage("--frame: the scene has no [animation]"))?;
+        load::check_frame(animation, frame, "--frame")?;
         scene = scene_at(&scene, frame);
     }
     let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
@@ -107,17 +126,19 @@ pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(S
     Ok((scene, output))
 }
 
-/// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with a picture of `pixels`
-/// under its light if there is to be one, before it starts. A field file may be `given` in place of computing it. The scene then holds the settings that were used.
+/// Volume to the device, matter on it, visibility of it. Says what the whole scene will need, with its picture under its light
+/// if one is to be `written`, before it starts. A field file may be `given` in place of computing it. The scene then holds the
+/// settings that were used.
 pub fn visibility(
     engine: &Engine,
     scene: &mut Scene,
     loaded: &Loaded,
-    (pixels, given): (Option<(usize, usize)>, Option<&Path>),
+    (written, given): (Option<&Written>, Option<&Path>),
     bar: &Progress,
     report: &mut Report,
 ) -> Result<(Medium, Field), Failure> {
     let (volume, grid) = (&loaded.volume, loaded.volume.grid());
+    let pixels = written.map(|_| (scene.image.width, scene.image.height));
     let ([x, y, z], [lo, hi], kind) = (grid.dims(), volume.range(), volume.samples().type_name());
     report.device(engine);
     report.line("volume", format!("{x}x{y}x{z} {kind}, {lo} to {hi}"));
@@ -144,7 +165,7 @@ pub fn visibility(
     }
     if scene.wanted.is_none() {
         let need = engine.admit(&medium, &scene.visibility, pixels).map_err(|e| scene.origins.blame(e))?;
-        report.needs(engine, need.peak());
+        report.needs(engine, need.peak() + written.map_or(0, |w| w.bytes(&scene.image)));
         report.flush()?;
     }
     let field = match plan::field(engine, scene, loaded, &medium, pixels, bar, report)? {

@@ -24,6 +24,11 @@ impl Report {
         Self { json, start: Instant::now(), lines: Vec::new(), object: Map::new(), written: Vec::new() }
     }
 
+    /// Seconds since the command started.
+    pub fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
     /// A line for people: what, and its value.
     pub fn line(&mut self, what: &str, value: impl AsRef<str>) {
         self.lines.push(format!("{what:<10} {}", value.as_ref()));
@@ -36,7 +41,7 @@ impl Report {
 
     /// Notes that an output file stands, whatever comes after.
     pub fn wrote(&mut self, path: &Path) {
-        self.line("wrote", format!("{} after {:.1} s", path.display(), self.start.elapsed().as_secs_f64()));
+        self.line("wrote", format!("{} after {:.1} s", path.display(), self.seconds()));
         self.written.push(shown(path));
     }
 
@@ -81,8 +86,7 @@ impl Report {
 
     /// Ends the report with the command's whole time, and says it.
     pub fn finish(mut self) -> Result<(), Failure> {
-        let seconds = self.start.elapsed().as_secs_f64();
-        self.set("seconds", json!(seconds));
+        self.set("seconds", json!(self.seconds()));
         if self.json {
             let object = Value::Object(std::mem::take(&mut self.object));
             return say(&object.to_string()).map_err(|f| self.with_written(f));
@@ -102,9 +106,7 @@ impl Report {
 /// One line on stdout.
 pub fn say(line: &str) -> Result<(), Failure> {
     match around(|| writeln!(std::io::stdout(), "{line}")) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Failure { code: 3, sentence: format!("standard output: cannot write: {e}") })
-        }
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::new(3, format!("standard output: cannot write: {e}"))),
         _ => Ok(()),
     }
 }
@@ -115,9 +117,25 @@ fn table(spans: &[Span]) -> Vec<String> {
     if total <= 0.0 {
         return vec!["the device keeps no time".into()];
     }
-    let row = |name: &str, calls: &str, seconds: f64| format!("  {name:<16} {calls:>7} {seconds:>10.3} {:>6.1} %", 100.0 * seconds / total);
-    let mut lines = vec![format!("  {:<16} {:>7} {:>10} {:>8}", "kernel", "calls", "device s", "share")];
+    let wide = spans.iter().map(|s| s.kernel.len()).fold(16, usize::max);
+    let row =
+        |name: &str, calls: &str, seconds: f64| format!("  {name:<wide$} {calls:>7} {seconds:>10.3} {:>6.1} %", 100.0 * seconds / total);
+    let mut lines = vec![format!("  {:<wide$} {:>7} {:>10} {:>8}", "kernel", "calls", "device s", "share")];
     lines.extend(spans.iter().map(|s| row(s.kernel, &s.calls.to_string(), s.seconds)));
     lines.push(row("together", "", total));
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_under_each_other_whatever_the_kernels_names() {
+        let span = |kernel| Span { kernel, calls: 3, seconds: 0.25, timed: true };
+        let lines = table(&[span("pack"), span("occupancy_distance"), span("raymarch")]);
+        let ends: Vec<usize> = lines.iter().map(|l| l.chars().count()).collect();
+        assert!(ends.iter().all(|&n| n == ends[0]), "{lines:#?}");
+        assert!(lines[2].contains("occupancy_distance       3"), "{lines:#?}");
+    }
 }

@@ -24,7 +24,10 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         output.is_none_of(&[path])?;
     }
     let (program, presets) = read_presets(path)?;
-    report.line("file", format!("{}, {} of {program}", shown(path), many(presets.len(), "preset")));
+    let list = m.get_flag("list");
+    if !list {
+        report.line("file", format!("{}, {} of {program}", shown(path), many(presets.len(), "preset")));
+    }
     report.set("file", json!(path.display().to_string()));
     report.set("program", json!(program));
     let Some((output, format)) = output else {
@@ -37,8 +40,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
             choose(path, presets, name)?;
             return Ok(());
         }
-        wanted.iter().for_each(|named| report.text(format!("  {}", line(named))));
-        if let (false, [Named { preset: Ok(preset), .. }]) = (m.get_flag("list"), &wanted[..]) {
+        wanted.iter().for_each(|named| report.text(if list { plain(&named.name) } else { format!("  {}", line(named)) }));
+        if let (false, [Named { preset: Ok(preset), .. }]) = (list, &wanted[..]) {
             preset.lost().for_each(|lost| report.line("not held", plain(lost)));
             preset.length_here().iter().for_each(|length| report.line("opacities", length));
         }

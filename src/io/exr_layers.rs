@@ -2,6 +2,7 @@
 
 use super::exr::{MAX_CHANNELS, MAX_PIXELS, MAX_SIDE, attributes, check, trouble};
 use super::limits::{bad, open};
+use super::picture::PictureInfo;
 use super::{png, write_aside};
 use crate::error::{Error, Result};
 use crate::scene::Picture;
@@ -9,9 +10,10 @@ use exr::block::reader::ChunksReader;
 use exr::compression::Compression;
 use exr::image::{AnyChannel, AnyChannels, FlatSamples};
 use exr::meta::MetaData;
-use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, SmallVec, Vec2, WritableImage};
+use exr::meta::header::Header;
+use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, SampleType, SmallVec, Vec2, WritableImage};
 use half::f16;
-use std::io::{Seek, Write};
+use std::io::{BufRead, Seek, Write};
 use std::path::Path;
 
 /// How an OpenEXR file stores its numbers.
@@ -116,6 +118,37 @@ fn sort_attributes(file: &mut [u8]) {
     file[begin..at].copy_from_slice(&attributes.concat());
 }
 
+/// A layer's entries as [`super::write_exr`] writes them.
+pub(super) fn entries(header: &Header) -> Vec<(String, String)> {
+    let own = |(name, value): (&exr::prelude::Text, &AttributeValue)| match value {
+        AttributeValue::Text(text) => Some((name.to_string().strip_prefix("halflight/")?.to_owned(), text.to_string())),
+        _ => None,
+    };
+    let mut entries: Vec<_> = header.own_attributes.other.iter().filter_map(own).collect();
+    entries.sort();
+    entries
+}
+
+/// What a file's first layer says of itself; nothing is asked of its pixels.
+pub(super) fn describe(mut file: impl BufRead + Seek) -> Option<PictureInfo> {
+    let headers = MetaData::read_from_buffered(&mut file, false).ok()?.headers;
+    headers.first().map(|header| PictureInfo {
+        width: header.layer_size.x(),
+        height: header.layer_size.y(),
+        channels: header.channels.list.iter().map(|c| (c.name.to_string(), number(c.sample_type))).collect(),
+        software: header.own_attributes.software_name.as_ref().map_or_else(String::new, |s| s.to_string()),
+        meta: entries(header),
+    })
+}
+
+fn number(kind: SampleType) -> &'static str {
+    match kind {
+        SampleType::F16 => "half",
+        SampleType::F32 => "float",
+        SampleType::U32 => "uint",
+    }
+}
+
 /// Says whether a picture's own entries (key, value) are those that are looked for.
 pub type MetaFilter<'a> = dyn Fn(&[(String, String)]) -> bool + 'a;
 
@@ -136,12 +169,7 @@ pub fn whole_picture(path: &Path, wanted: &MetaFilter) -> Result<bool> {
     let headers = MetaData::read_from_buffered(&mut file, true).map_err(|e| trouble(path, "read", e))?.headers;
     file.rewind().map_err(io)?;
     let Some(header) = headers.first() else { return Err(bad(path, "it has no layers", "a picture has one")) };
-    let own = |(name, value): (&exr::prelude::Text, &AttributeValue)| match value {
-        AttributeValue::Text(text) => Some((name.to_string().strip_prefix("halflight/")?.to_owned(), text.to_string())),
-        _ => None,
-    };
-    let meta: Vec<(String, String)> = header.own_attributes.other.iter().filter_map(own).collect();
-    if !wanted(&meta) {
+    if !wanted(&entries(header)) {
         return Ok(false);
     }
     for h in &headers {

@@ -1,10 +1,10 @@
 //! Pictures of either kind, told apart by their first bytes.
 
 use super::limits::{bad, io, open};
-use super::{exr, png};
+use super::{exr, exr_layers, png};
 use crate::error::Result;
 use crate::scene::Picture;
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::path::Path;
 
 /// What a picture's numbers are.
@@ -31,4 +31,38 @@ pub fn read_picture(path: &Path) -> Result<(PictureKind, Picture)> {
     } else {
         Err(bad(path, "its first bytes are neither OpenEXR's nor PNG's", "a picture is an .exr or .png"))
     }
+}
+
+/// A picture as this crate wrote it, by its header.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureInfo {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Its channels' names, each with the type of its numbers: "half", "float", "uint" or "8-bit".
+    pub channels: Vec<(String, &'static str)>,
+    /// What wrote it: "halflight 0.1.0".
+    pub software: String,
+    /// Its own entries: key, value.
+    pub meta: Vec<(String, String)>,
+}
+
+/// Describes a picture that this crate wrote with entries of its own; `None` for all other files, and for one whose header is
+/// damaged.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) when the file cannot be read, [`Error::Format`](crate::Error::Format) for what is no regular
+/// file.
+pub fn describe_picture(path: &Path) -> Result<Option<PictureInfo>> {
+    let (mut file, _) = open(path)?;
+    let mut magic = Vec::new();
+    file.by_ref().take(8).read_to_end(&mut magic).map_err(|e| io(path, "read", e))?;
+    file.rewind().map_err(|e| io(path, "read", e))?;
+    let info = match magic {
+        magic if magic.starts_with(&exr::MAGIC) => exr_layers::describe(file),
+        magic if magic == png::MAGIC => png::describe(file),
+        _ => None,
+    };
+    Ok(info.filter(|info| info.software.starts_with("halflight ") && !info.meta.is_empty()))
 }

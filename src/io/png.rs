@@ -2,9 +2,11 @@
 
 use super::exr::{MAX_PIXELS, check};
 use super::limits::{bad, open};
+use super::picture::PictureInfo;
 use super::write_aside;
 use crate::error::{Error, Result};
 use crate::scene::Picture;
+use std::io::{BufRead, Seek};
 use std::path::Path;
 
 /// Writes a picture for display: radiance times 2^`exposure_stops`, clamped to 0..1, through sRGB's transfer function
@@ -121,14 +123,32 @@ pub fn read_picture_png(path: &Path) -> Result<Picture> {
     Ok(picture)
 }
 
+/// A picture's texts, as [`write_png`] writes them.
+pub(super) fn entries(info: &png::Info) -> Vec<(String, String)> {
+    let ascii = info.uncompressed_latin1_text.iter().map(|t| (t.keyword.clone(), t.text.clone()));
+    ascii.chain(info.utf8_text.iter().filter_map(|t| Some((t.keyword.clone(), t.get_text().ok()?)))).collect()
+}
+
+/// What a PNG's header says.
+pub(super) fn describe(file: impl BufRead + Seek) -> Option<PictureInfo> {
+    let reader = png::Decoder::new(file).read_info().ok()?;
+    let info = reader.info();
+    let (software, meta) = entries(info).into_iter().partition::<Vec<_>, _>(|(key, _)| key == "Software");
+    let names: &[&str] = if info.color_type == png::ColorType::Rgba { &["R", "G", "B", "A"] } else { &[] };
+    Some(PictureInfo {
+        width: info.width as usize,
+        height: info.height as usize,
+        channels: names.iter().map(|name| ((*name).to_owned(), "8-bit")).collect(),
+        software: software.into_iter().next().map_or_else(String::new, |(_, value)| value),
+        meta,
+    })
+}
+
 /// Whether a PNG's texts are `wanted` and its pixels are all there.
 pub(super) fn whole(path: &Path, wanted: &super::MetaFilter) -> Result<bool> {
     let failed = |e: png::DecodingError| bad(path, format!("PNG: {}", super::limits::quote(&e.to_string())), "a whole picture is needed");
     let reader = png::Decoder::new(open(path)?.0).read_info().map_err(failed)?;
-    let info = reader.info();
-    let ascii = info.uncompressed_latin1_text.iter().map(|t| (t.keyword.clone(), t.text.clone()));
-    let meta: Vec<_> = ascii.chain(info.utf8_text.iter().filter_map(|t| Some((t.keyword.clone(), t.get_text().ok()?)))).collect();
-    if !wanted(&meta) {
+    if !wanted(&entries(reader.info())) {
         return Ok(false);
     }
     drop(reader);

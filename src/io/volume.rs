@@ -5,6 +5,7 @@ use super::samples::SampleType;
 use super::{dicom, metaimage, nifti, nrrd, raw, stack, vdb, vti, vtk_legacy};
 use crate::error::{Error, Result, shown};
 use crate::scene::Volume;
+use crate::scene::frames::Pattern;
 use flate2::bufread::GzDecoder;
 use std::cell::Cell;
 use std::fs::File;
@@ -102,13 +103,22 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
     {
         return Err(Error::Invalid { item: "nan_as", what: format!("{v}"), right: "it must be finite".into() });
     }
-    let kind = if options.raw.is_some() { Kind::File } else { kind_of(path) };
+    let kind = match kind_of(path) {
+        Kind::Series => return Err(series(path)),
+        kind => {
+            if options.raw.is_some() {
+                Kind::File
+            } else {
+                kind
+            }
+        }
+    };
     refuse_idle(path, options, kind)?;
     if let Some(layout) = &options.raw {
         return raw::read(path, layout, options);
     }
     match kind {
-        Kind::File => {}
+        Kind::File | Kind::Series => {}
         Kind::Folder => return folder(path, options),
         Kind::Pattern => return stack::read_pattern(path, options),
     }
@@ -167,19 +177,25 @@ enum Kind {
     Folder,
     /// `slice_####.tif`
     Pattern,
+    /// `step_####.vti`
+    Series,
 }
 
 fn kind_of(path: &Path) -> Kind {
     if path.is_dir() {
         Kind::Folder
-    } else if stack::is_pattern(path) && !path.exists() {
+    } else if path.exists() {
+        Kind::File
+    } else if stack::is_pattern(path) {
         Kind::Pattern
+    } else if Pattern::find(path).is_some() {
+        Kind::Series
     } else {
         Kind::File
     }
 }
 
-/// Whether `path` is a volume in several files: a folder, or a pattern such as `slice_####.tif`.
+/// Whether `path` is a volume in several files: a folder, or a pattern such as `slice_####.tif` or `step_####.vti`.
 pub fn is_volume_set(path: &Path) -> bool {
     kind_of(path) != Kind::File
 }
@@ -239,6 +255,12 @@ fn peek(file: &mut impl std::io::Read, path: &Path, head: &mut [u8]) -> Result<u
         (n, None) => Ok(n),
         (_, Some(e)) => Err(super::limits::io(path, "read", e)),
     }
+}
+
+/// The files of a time series where one volume is wanted.
+fn series(path: &Path) -> Error {
+    let right = "name one of them, or say which with --volume.number; a scene's volume.file shows them over its [animation]";
+    bad(path, "no such file; as a pattern it stands for the files of a time series", right)
 }
 
 /// A file of no known kind, or of one that is known but not read.

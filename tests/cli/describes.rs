@@ -80,6 +80,106 @@ fn info_describes_fields_and_probes() {
 }
 
 #[test]
+fn info_describes_pictures_of_its_own_and_leaves_probes_probes() {
+    use halflight::io::{ExrChannel, ExrOptions, write_exr, write_exr_layers, write_png};
+    use halflight::scene::Picture;
+    let f = Folder::new("pictures");
+    let json = |arguments: &[&str]| -> Value {
+        let out = halflight(&f.0, arguments);
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let text = |file: &str| String::from_utf8(halflight(&f.0, &["info", file]).stdout).unwrap();
+    // As wide as a probe would be.
+    let picture = Picture::new(8, 4);
+    let meta = [("scene".to_string(), "[volume]\nfile = \"v.nrrd\"".to_string()), ("frame".into(), "7".into())];
+    let depth = ExrChannel { name: "depth.Z".into(), values: vec![1.0; 32], full: true };
+    write_exr_layers(&f.0.join("p.exr"), &picture, &[depth], ExrOptions { half: true, ..Default::default() }, &meta).unwrap();
+    write_png(&f.0.join("p.png"), &picture, 0.0, &meta).unwrap();
+    for (file, layers) in [("p.exr", "RGBA half, depth float"), ("p.png", "RGBA 8-bit")] {
+        let said = text(file);
+        assert!(said.contains(&format!("{file}, 8x4 pixels, written by halflight {}", env!("CARGO_PKG_VERSION"))), "{said}");
+        assert!(said.contains(&format!("layers     {layers}\n")) && said.contains("\n  file = \"v.nrrd\"\n"), "{said}");
+        let v = json(&["info", file, "--json"]);
+        assert_eq!((&v["kind"], &v["picture"]["width"], &v["meta"]["frame"]), (&"picture".into(), &8.into(), &"7".into()));
+        assert_eq!(v["meta"]["scene"], meta[0].1.as_str());
+        fails(&f, &["info", file, "--volume.spacing", "1,1,1"], 2, "`volume.spacing` changes nothing in the description of a picture");
+        fails(&f, &["info", file, "--plot", "h.png"], 2, "--plot draws the histogram of a volume, and this is a picture");
+    }
+    // One that says nothing of its making is what it was: a probe, a slice of a volume.
+    write_exr(&f.0.join("q.exr"), &picture, &[]).unwrap();
+    write_png(&f.0.join("q.png"), &picture, 0.0, &[]).unwrap();
+    assert_eq!(json(&["info", "q.exr", "--json"])["kind"], "probe");
+    assert_eq!(json(&["info", "q.png", "--volume.component", "0", "--json"])["kind"], "volume");
+    // A header that ends early is for the readers to refuse.
+    for file in ["p.exr", "p.png"] {
+        let bytes = std::fs::read(f.0.join(file)).unwrap();
+        f.file(file, &bytes[..60]);
+        fails(&f, &["info", file], 3, file);
+    }
+}
+
+#[test]
+fn info_of_a_scene_is_in_words_and_counts_a_series() {
+    let f = Folder::new("words");
+    let volume = std::fs::read(f.volume()).unwrap();
+    grey(&f);
+    for n in [1, 2, 4, 7] {
+        f.file(&format!("t_{n:02}.nrrd"), &volume);
+    }
+    let text = |arguments: &[&str]| {
+        let out = halflight(&f.0, &[&["info"], arguments].concat());
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        String::from_utf8(out.stdout).unwrap()
+    };
+    f.file("s.toml", "[volume]\nfile = 't_##.nrrd'\n[surface]\niso = 9\n[visibility]\nmethod = 'sweep'\n[animation]\nframes = 5");
+    let said = text(&["s.toml", "--surface.shading", "isotropic"]);
+    for line in [
+        "surface    iso 9, isotropic",
+        "light      constant [1, 1, 1]",
+        "directions, sweep",
+        "animation  frames 1 to 5, 24 a second",
+        "series     5 files, t_01.nrrd to t_05.nrrd; 2 missing: t_03.nrrd, t_05.nrrd",
+    ] {
+        assert!(said.contains(&format!("{line}\n")), "{line}: {said}");
+    }
+    assert!(text(&["s.toml", "--light.probe", "grey.hdr"]).contains("light      probe grey.hdr\n"));
+    // A track of numbers, and numbers that are listed.
+    let moved = text(&["s.toml", "--set", "animation.keyframe=[{ frame = 1, volume.number = 1 }, { frame = 2, volume.number = 2 }]"]);
+    assert!(moved.contains("24 a second; volume.number\n") && moved.contains("series     2 files, t_01.nrrd to t_02.nrrd\n"), "{moved}");
+    assert!(text(&["s.toml", "--volume.numbers", "1,4,7"]).contains("series     3 files, t_01.nrrd to t_07.nrrd\n"));
+    let v: Value = serde_json::from_slice(&halflight(&f.0, &["info", "s.toml", "--json"]).stdout).unwrap();
+    assert_eq!(
+        v["series"],
+        serde_json::json!({ "files": 5, "first": "t_01.nrrd", "last": "t_05.nrrd", "missing": ["t_03.nrrd", "t_05.nrrd"] })
+    );
+    // Without a scene: one of them, and a sentence where none is named.
+    assert!(text(&["t_##.nrrd", "--volume.number", "4"]).contains("volume     t_04.nrrd\n"));
+    fails(
+        &f,
+        &["info", "t_##.nrrd"],
+        3,
+        "t_##.nrrd: no such file; as a pattern it stands for the files of a time series; name one of them",
+    );
+    fails(&f, &["render", "t_%02d.nrrd", "-o", "x.png"], 3, "or say which with --volume.number");
+}
+
+#[test]
+fn transfer_lists_bare_names() {
+    let f = Folder::new("names");
+    f.file(
+        "p.json",
+        r#"[{"Name":"hot metal","ColorSpace":"RGB","RGBPoints":[0,0,0,0,1,1,1,1]},{"Name":"grey","ColorSpace":"RGB","RGBPoints":[0,0,0,0,1,1,1,1]}]"#,
+    );
+    let text = |more: &[&str]| String::from_utf8(halflight(&f.0, &[&["transfer", "p.json"], more].concat()).stdout).unwrap();
+    assert_eq!(text(&["--list"]), "hot metal\ngrey\n");
+    assert_eq!(text(&["--list", "--preset", "Grey"]), "grey\n");
+    assert!(text(&[]).starts_with("file       p.json, 2 presets of ParaView") && text(&[]).contains("'grey': 2 colours"), "{}", text(&[]));
+    let v: Value = serde_json::from_str(&text(&["--list", "--json"])).unwrap();
+    assert_eq!((&v["presets"][0]["name"], &v["presets"][0]["colors"]), (&"hot metal".into(), &2.into()));
+}
+
+#[test]
 fn light_projects_a_probe() {
     let f = Folder::new("light");
     // 8x4 Radiance pixels of (1, ½, ¼): mantissas 128, 64, 32 at exponent 129 (2^(129−136) = 1/128).

@@ -59,7 +59,7 @@ fn outputs_go_where_the_user_means() {
         (["render", "v.nrrd", "-o", "o.png/"], "o.png/: is a folder; name a file"),
         (["render", "v.nrrd", "-o", "o.png/."], "o.png/.: is a folder; name a file"),
         (["render", "v.nrrd", "-o", "pipe.png"], "pipe.png: is a pipe or a device; name a regular file"),
-        (["render", "v.nrrd", "-o", "v.nrrd/x.png"], "v.nrrd: cannot write into this folder: a part of the path is a file"),
+        (["render", "v.nrrd", "-o", "v.nrrd/x.png"], "v.nrrd: cannot make this folder: there is a file of that name"),
     ] {
         let code = if part.contains("cannot") { 3 } else { 2 };
         fails(&f, &arguments, code, part);
@@ -89,6 +89,29 @@ fn outputs_go_where_the_user_means() {
         let _ = std::fs::remove_file(f.0.join("new.exr"));
         assert_eq!(shell(&format!("umask {umask};")).status.code(), Some(0));
         assert_eq!(std::fs::metadata(f.0.join("new.exr")).unwrap().permissions().mode() & 0o777, mode);
+    }
+}
+
+#[test]
+fn a_folder_that_is_missing_is_made_and_goes_again_where_nothing_is_written() {
+    let f = Folder::new("missing");
+    f.volume();
+    grey(&f);
+    f.file("s.toml", "[volume]\nfile = 'v.nrrd'\n[surface]\niso = 99");
+    // `fails` sees that nothing is left.
+    fails(&f, &["render", "s.toml", "-o", "no/such/x.png"], 3, "`surface.iso` is 99, outside the data's range");
+    fails(&f, &["precompute", "s.toml", "-o", "no/such/x.nrrd"], 3, "`surface.iso` is 99");
+    fails(&f, &["light", "v.nrrd", "-o", "no/such/x.png"], 3, "v.nrrd");
+    let made = |arguments: &[&str], file: &str| {
+        let out = halflight(&f.0, arguments);
+        assert!(out.status.success() && f.0.join(file).is_file(), "{arguments:?}: {}", String::from_utf8_lossy(&out.stderr));
+    };
+    made(&["light", "grey.hdr", "-o", "a/b/x.png"], "a/b/x.png");
+    made(&["compare", "a/b/x.png", "a/b/x.png", "-o", "c/d.png"], "c/d.png");
+    made(&["info", "v.nrrd", "--plot", "h/h.svg"], "h/h.svg");
+    if device() {
+        made(&["render", "v.nrrd", "-o", "r/s/x.exr", "--image.width", "8", "--image.height", "8"], "r/s/x.exr");
+        made(&["precompute", "v.nrrd", "-o", "p/x.nrrd"], "p/x.nrrd");
     }
 }
 

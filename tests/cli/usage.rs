@@ -7,6 +7,7 @@ fn wrong_usage_is_2() {
     let f = Folder::new("usage");
     f.volume();
     f.file("s.toml", "[volume]\nfile = 'v.nrrd'\n[transfer]\npoints = [[0, 1, 1, 1, 0], [9, 1, 1, 1, 1]]");
+    f.file("a.toml", "[volume]\nfile = 'v.nrrd'\n[animation]\nframes = 12");
     std::fs::create_dir(f.0.join("d.png")).unwrap();
     f.file("p.hdr", "#?RADIANCE");
     let cases: &[(&[&str], &str)] = &[
@@ -41,6 +42,24 @@ fn wrong_usage_is_2() {
         (&["info", "p.hdr", "--nan-as", "3"], "`volume.nan_as` changes nothing in the description of a probe"),
         (&["devices", "--nan-as", "3"], "'--nan-as'"),
         (&["light", "v.nrrd", "-o", "x.nrrd"], "x.nrrd: its extension must be .exr or .png"),
+        (&["render", "v.nrrd", "-o", "x.png", "--aov", "depth"], "x.png: only an .exr holds the layers of --aov"),
+        (&["render", "v.nrrd", "-o", "x.png", "--exr-type", "half"], "x.png: only an .exr has the types of --exr-type"),
+        (&["render", "v.nrrd", "-o", "x.exr", "--aov", "dept"], "'dept'"),
+        (&["render", "v.nrrd", "-o", "x.exr", "--reference", "--aov", "depth"], "cannot be used with '--aov"),
+        (&["render", "v.nrrd", "-o", "x.exr", "--reference", "--exr-type", "half"], "cannot be used with '--exr-type"),
+        (&["render", "v.nrrd", "-o", "x.exr", "--reference", "--field", "f.nrrd"], "cannot be used with '--field"),
+        (&["render", "v.nrrd", "-o", "x.exr", "--reference", "--samples", "31"], "31 is not in 32..=16777216"),
+        (&["render", "v.nrrd", "-o", "x.exr", "--frame", "1"], "--frame: the scene has no [animation]"),
+        (
+            &["render", "a.toml", "-o", "x.exr", "--frame", "13"],
+            "frame 13 lies outside the animation, which has 1 to 12; change animation.frames or --frame",
+        ),
+        (&["render", "a.toml", "-o", "x.exr", "--frame=-3"], "frame -3 lies outside the animation"),
+        (&["precompute", "a.toml", "-o", "x.nrrd", "--frame", "99"], "frame 99 lies outside the animation"),
+        (
+            &["frames", "a.toml", "-o", "f.#.exr", "--frames", "12,13"],
+            "frame 13 lies outside the animation, which has 1 to 12; change animation.frames or --frames",
+        ),
     ];
     for (arguments, part) in cases {
         fails(&f, arguments, 2, part);
@@ -79,7 +98,6 @@ fn bad_input_is_3() {
         (&["render", "look.toml", "-o", "x.png"], "look.toml line 4: `camera.position` "),
         (&["render", "syntax.toml", "-o", "x.png"], "syntax.toml: line 1: "),
         (&["render", "light.toml", "-o", "x.png"], "v.nrrd: "),
-        (&["render", "v.nrrd", "-o", "no/such/x.png"], "no/such: cannot write into this folder"),
         (&["precompute", "short.nrrd", "-o", "x.nrrd"], "short.nrrd: "),
         (&["info", "nonsense.nrrd"], "nonsense.nrrd: "),
         (&["info", "missing"], "missing: cannot open"),
@@ -94,6 +112,37 @@ fn bad_input_is_3() {
     ];
     for (arguments, part) in cases {
         fails(&f, arguments, 3, part);
+    }
+}
+
+#[test]
+fn what_paths_are_relative_to_is_said_of_those_in_a_scene() {
+    let f = Folder::new("relative");
+    f.volume();
+    f.file("volume.toml", "[volume]\nfile = 'gone.nrrd'");
+    f.file("light.toml", "[volume]\nfile = 'v.nrrd'\n[light]\nprobe = 'gone.hdr'");
+    f.file("preset.toml", "[volume]\nfile = 'v.nrrd'\n[transfer]\nfile = 'gone.json'");
+    f.file("frames.toml", "[volume]\nfile = 'v.nrrd'\n[light]\nprobe = 'gone.hdr'\n[animation]\nframes = 1");
+    const HINT: &str = "no such file; check the path (paths in a scene are relative to the scene file)\n";
+    const PLAIN: &str = "no such file; check the path\n";
+    let cases: [(&[&str], &str); 12] = [
+        (&["render", "volume.toml", "-o", "x.png"], HINT),
+        (&["info", "light.toml"], HINT),
+        (&["info", "preset.toml"], HINT),
+        (&["frames", "frames.toml", "-o", "x.png"], HINT),
+        (&["render", "volume.toml", "-o", "x.png", "--volume.file", "none.nrrd"], PLAIN),
+        (&["info", "light.toml", "--light.probe", "none.hdr"], PLAIN),
+        (&["info", "preset.toml", "--transfer.file", "none.json"], PLAIN),
+        (&["render", "none.toml", "-o", "x.png"], PLAIN),
+        (&["render", "none.nrrd", "-o", "x.png"], PLAIN),
+        (&["render", "v.nrrd", "-o", "x.png", "--field", "none.nrrd"], PLAIN),
+        (&["transfer", "none.json"], PLAIN),
+        (&["compare", "none.exr", "none.exr"], PLAIN),
+    ];
+    for (arguments, end) in cases {
+        let out = halflight(&f.0, arguments);
+        let stderr = String::from_utf8(out.stderr).unwrap();
+        assert!(out.status.code() == Some(3) && stderr.ends_with(end), "{arguments:?}: {stderr}");
     }
 }
 
@@ -139,6 +188,9 @@ fn help_lists_every_key_of_a_scene_with_its_default() {
         assert!(default.is_empty() || flat.replace(", ", ",").contains(&format!("(default: {default}")), "{}", key.name);
     }
     assert!(flat.contains("--camera.up <X,Y,Z> direction that is up in the picture (default: 0,0,1)"), "{flat}");
+    assert!(flat.contains("or none: the summary alone"), "{flat}");
+    let info = String::from_utf8(halflight(Path::new("."), &["info", "--help"]).stdout).unwrap();
+    assert!(info.contains("OpenVDB"), "{info}");
     let short = String::from_utf8(halflight(Path::new("."), &["render", "-h"]).stdout).unwrap();
     assert!(!short.contains("--camera.up") && short.contains("--help lists all keys"), "{short}");
     let out = halflight(Path::new("."), &["--help"]);

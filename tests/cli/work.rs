@@ -70,6 +70,39 @@ fn precompute_writes_the_field() {
 }
 
 #[test]
+#[cfg(unix)]
+fn a_signal_ends_render_and_precompute_with_nothing_written() {
+    if !device() {
+        return;
+    }
+    let f = Folder::new("signals");
+    sphere(&f);
+    let long = ["--visibility.directions", "1000000", "--visibility.ratio", "1", "--visibility.method", "march"];
+    let cases: [(&[&str], &[&str]); 3] = [
+        (&["render", "scene.toml", "-o", "new/x.exr"], &long),
+        (&["render", "scene.toml", "-o", "new/x.exr", "--reference=0.00001", "--samples", "16777216"], &[]),
+        (&["precompute", "scene.toml", "-o", "new/x.nrrd"], &long),
+    ];
+    for (i, (arguments, more)) in cases.into_iter().enumerate() {
+        let (signal, name, code) = [("-INT", "SIGINT", 130), ("-TERM", "SIGTERM", 143)][i % 2];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_halflight"));
+        command.current_dir(&f.0).args(arguments).args(more).arg("--json").stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = command.spawn().unwrap();
+        while !f.0.join("new").exists() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        // Into the work on the device, most likely; wherever it is, it ends the same.
+        std::thread::sleep(std::time::Duration::from_millis(600));
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        let out = child.wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(code), "{arguments:?}: {}", String::from_utf8_lossy(&out.stderr));
+        let object: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!(object, serde_json::json!({ "error": format!("stopped by {name}"), "code": code }), "{arguments:?}");
+        assert!(!f.0.join("new").exists(), "{arguments:?}: nothing is left");
+    }
+}
+
+#[test]
 fn too_little_memory_is_5_and_an_unknown_device_4() {
     if !device() {
         return;

@@ -4,7 +4,8 @@ use super::store::Store;
 use crate::cli::args_keys::{OF_FRAMES, check_used, overrides};
 use crate::cli::fail::Failure;
 use crate::cli::layers::Written;
-use crate::cli::{load, path_of};
+use crate::cli::output::{Folder, Output, PICTURES};
+use crate::cli::{field_file, load, path_of};
 use clap::ArgMatches;
 use halflight::error::shown;
 use halflight::io;
@@ -12,6 +13,9 @@ use halflight::scene::frames::{Pattern, parse_frames};
 use halflight::scene::scene::{LightSource, TransferSource};
 use halflight::scene::visibility::{Method, Visibility};
 use halflight::scene::{Scene, scene_at};
+use std::collections::HashSet;
+use std::ffi::OsString;
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 
 /// Longest side of a preview, pixels.
@@ -21,7 +25,7 @@ const QUICK_SIDE: usize = 320;
 pub struct Asked {
     pub scene: Scene,
     /// The scene's folder: files in it are named relative to it, wherever the command runs.
-    folder: PathBuf,
+    home: PathBuf,
     pub frames: Vec<i64>,
     out: PathBuf,
     pattern: Option<Pattern>,
@@ -45,19 +49,12 @@ impl Asked {
             let right = "write [animation] with frames = N and [[animation.keyframe]] tables, or use halflight render";
             return Err(Failure::usage(format!("{}: it has no [animation]; {right}", shown(path))));
         };
-        let range = animation.range();
-        let frames = match m.get_one::<String>("frames") {
+        let frames: Vec<i64> = match m.get_one::<String>("frames") {
             Some(text) => parse_frames(text).map_err(|e| Failure::usage(e.to_string()))?,
-            None => range.clone().collect(),
+            None => animation.range().collect(),
         };
-        if let Some(frame) = frames.iter().find(|f| !range.contains(f)) {
-            return Err(Failure::usage(format!(
-                "frame {frame} lies outside the animation, which has {} to {}; change animation.frames or --frames",
-                range.start(),
-                range.end()
-            )));
-        }
-        let field = m.get_one::<PathBuf>("field").cloned();
+        frames.iter().try_for_each(|&frame| load::check_frame(animation, frame, "--frames"))?;
+        let field = field_file::given(m, &scene)?;
         if scene.wanted.is_some() && field.is_none() {
             return Err(Failure::usage(
                 "a tolerance or quality picks settings by measuring time, and frames would differ from run to run; \
@@ -65,13 +62,14 @@ impl Asked {
             ));
         }
         let out = path_of(m, "out")?.to_owned();
+        Output::kind(&out, PICTURES)?;
         let pattern = Pattern::find(&out);
         if pattern.is_none() && frames.len() > 1 {
             let right = "give the number a place, such as f.####.exr or f.%04d.exr";
             return Err(Failure::usage(format!("{}: {} frames would all be written here; {right}", shown(&out), frames.len())));
         }
         let mut asked = Self {
-            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            home: path.parent().unwrap_or(Path::new("")).to_owned(),
             written: Written::of(m, &out)?,
             scene,
             frames,
@@ -120,6 +118,22 @@ impl Asked {
         Ok(())
     }
 
+    /// The folder of the pictures, made where it is missing. Refuses it where a frame's place is taken by what is no file; what
+    /// lies there is asked once, not of each frame.
+    pub fn folder(&self) -> Result<Folder, Failure> {
+        let made = Folder::around(&self.path(self.frames[0]))?;
+        let odd = |e: &DirEntry| e.file_type().is_ok_and(|t| !t.is_file());
+        let odd: HashSet<OsString> = made.entries()?.flatten().filter(odd).map(|e| e.file_name()).collect();
+        let paths = self.frames.iter().map(|&frame| self.path(frame));
+        paths.filter(|p| p.file_name().is_some_and(|name| odd.contains(name))).try_for_each(|p| self.output(&p).map(drop))?;
+        Ok(made)
+    }
+
+    /// A frame's place. One that is taken by something else is no wrong usage: the pattern is right.
+    pub fn output(&self, path: &Path) -> Result<Output, Failure> {
+        Output::check(path, PICTURES).map_err(|f| Failure::new(3, f.sentence))
+    }
+
     /// The folder of fields, made where it is missing.
     pub fn store(&self) -> Result<Option<Store>, Failure> {
         self.fields.as_deref().map(Store::open).transpose()
@@ -136,7 +150,7 @@ impl Asked {
     /// The scene as a header holds it: files in the scene's folder by their names in it.
     pub fn header_text(&self, scene: &Scene) -> String {
         let near = |path: &mut PathBuf| {
-            if let Ok(rest) = path.strip_prefix(&self.folder) {
+            if let Ok(rest) = path.strip_prefix(&self.home) {
                 *path = rest.to_owned();
             }
         };

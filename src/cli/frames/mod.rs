@@ -11,7 +11,8 @@ use super::Context;
 use super::fail::Failure;
 use super::fingerprint::{self, Files};
 use super::layers::Layers;
-use super::output::{Folder, Output, PICTURES};
+use super::report::{Report, say};
+use super::signals::Signals;
 use asked::Asked;
 use clap::ArgMatches;
 use forecast::{Forecast, needs};
@@ -21,11 +22,8 @@ use halflight::scene::Scene;
 use says::{Mode, Outcome, Sayer, stages};
 use serde_json::json;
 use session::{Paid, STAGES, Session};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::HashSet;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use summary::{Tally, duration};
 
@@ -36,21 +34,24 @@ const MEASURED: usize = 4;
 pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     let mode = Mode::of(m.get_one::<String>("progress").map_or("auto", String::as_str), context.json)?;
     rendered(context, m, mode).inspect_err(|failure| {
-        if mode == Mode::OpenJd {
-            let _ = super::report::say(&format!("openjd_fail: {}", failure.sentence));
-        }
+        let _ = match mode {
+            Mode::OpenJd => say(&format!("openjd_fail: {}", failure.sentence)),
+            // The last line sums up, also where there is nothing else to sum up.
+            Mode::Json if !failure.told => say(&failure.json().to_string()),
+            _ => Ok(()),
+        };
     })
 }
 
 fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure> {
-    let signal = listen()?;
+    // Whoever reads JSON, line by line too, reads nothing else.
+    let told = context.json || mode == Mode::Json;
+    let report = Report::new(told);
+    let signals = Signals::listen()?;
+    let going = || signals.going();
     let asked = Asked::of(m)?;
-    let mut sayer = Sayer::new(mode, if asked.estimate { sample(asked.frames.len()).len() } else { asked.frames.len() });
-    for line in &asked.said {
-        sayer.line(line)?;
-    }
     // Made in vain, it goes again.
-    let _folder = Folder::make(asked.path(asked.frames[0]).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
+    let _folder = asked.folder()?;
     let mut run = Run {
         asked: &asked,
         session: Session::new(context, asked.field.clone(), asked.store()?, asked.fresh),
@@ -59,48 +60,34 @@ fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure
         forecast: Forecast::default(),
         told: None,
         tally: Tally::default(),
-        start: Instant::now(),
     };
-    let going = || signal.load(Ordering::Relaxed) == 0;
+    run.session.check_given(&asked.frames, &run.scenes, &going)?;
+    let mut sayer = Sayer::new(mode, if asked.estimate { sample(asked.frames.len()).len() } else { asked.frames.len() });
+    for line in &asked.said {
+        sayer.line(line)?;
+    }
     let ended = run.frames(&mut sayer, &going);
     drop(sayer);
-    let caught = signal.load(Ordering::Relaxed);
-    let failure = match ended {
-        _ if caught != 0 => Some(Failure {
-            code: 128 + caught as u8,
-            sentence: format!(
-                "stopped by {}; finished frames are kept, --skip-existing goes on",
-                if caught == SIGINT as usize { "SIGINT" } else { "SIGTERM" }
-            ),
-        }),
-        Err(failure) => Some(failure),
-        Ok(()) => run.tally.failed.first().map(|(frame, f)| Failure {
-            code: f.code,
-            sentence: match run.tally.failed.len() {
-                1 => format!("frame {frame} failed: {}", f.sentence),
-                n => format!("{n} frames failed, the first of them {frame}: {}", f.sentence),
-            },
-        }),
+    let failure = match (signals.failure(), ended) {
+        (Some(stopped), _) => Some(Failure::new(stopped.code, stopped.sentence + "; finished frames are kept, --skip-existing goes on")),
+        // Where nothing came of any frame it is said as other commands say it.
+        (None, Err(failure)) if run.tally.is_empty() => return Err(failure),
+        (None, Err(failure)) => Some(failure),
+        (None, Ok(())) => run.tally.failure(),
     };
-    run.summary(context, mode, failure.as_ref())?;
-    if let (Some(engine), None) = (run.session.engine(), &failure) {
-        context.verdict(engine)?;
-    }
-    failure.map_or(Ok(()), Err)
+    let failure = failure.or_else(|| run.session.engine().and_then(|engine| context.verdict(engine).err()));
+    run.summary(report, failure.as_ref())?;
+    failure.map_or(Ok(()), |failure| Err(Failure { told, ..failure }))
 }
 
-/// The signal that came, 0 for none. A second one ends the process at once.
-fn listen() -> Result<Arc<AtomicUsize>, Failure> {
-    let (signal, again) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
-    for number in [SIGINT, SIGTERM] {
-        let register = || {
-            signal_hook::flag::register_conditional_shutdown(number, 128 + number, again.clone())?;
-            signal_hook::flag::register(number, again.clone())?;
-            signal_hook::flag::register_usize(number, signal.clone(), number as usize)
-        };
-        register().map_err(|e| Failure { code: 1, sentence: format!("signals cannot be listened to: {e}") })?;
-    }
-    Ok(signal)
+/// What a failure ends.
+enum Ends {
+    /// A frame whose own files are bad.
+    Frame,
+    /// All frames from this one on: a device or a disk that fails one fails the others.
+    Rest,
+    /// The run, whichever frame it met first.
+    Run,
 }
 
 struct Run<'a> {
@@ -112,7 +99,6 @@ struct Run<'a> {
     /// What was said beforehand: seconds of all that was then left, and when.
     told: Option<(f64, Instant, usize)>,
     tally: Tally,
-    start: Instant,
 }
 
 impl Run<'_> {
@@ -142,12 +128,13 @@ impl Run<'_> {
                     sayer.ends(frame, &path, &Outcome::Skipped)?;
                 }
                 Err(_) if !going() => return Ok(()),
-                Err((failure, own)) => {
+                Err((failure, Ends::Run)) => return Err(failure),
+                Err((failure, ends)) => {
                     sayer.ends(frame, &path, &Outcome::Failed(&failure.sentence))?;
-                    let (code, sentence) = (failure.code, failure.sentence.clone());
+                    let rest = Failure::new(failure.code, format!("frame {frame}: {}", failure.sentence));
                     self.tally.failed.push((frame, failure));
-                    if !own {
-                        return Err(Failure { code, sentence: format!("frame {frame}: {sentence}") });
+                    if let Ends::Rest = ends {
+                        return Err(rest);
                     }
                 }
             }
@@ -155,18 +142,24 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Renders and writes a frame; `false` where its file is whole and of this scene already. An error says whether it is
-    /// of this frame alone.
-    fn frame(&mut self, place: usize, path: &Path, going: &dyn Fn() -> bool, paid: &mut Paid) -> Result<bool, (Failure, bool)> {
+    /// Renders and writes a frame; `false` where its file is whole and of this scene already. An error says what it ends.
+    fn frame(&mut self, place: usize, path: &Path, going: &dyn Fn() -> bool, paid: &mut Paid) -> Result<bool, (Failure, Ends)> {
         let scene = &self.scenes[place];
-        // Scenes fail by their own files; a device or a disk that fails one frame fails all.
+        let first = self.tally.is_empty();
         let own = |f: Failure| {
-            let own = f.code == 3;
-            (f, own)
+            let ends = match f.code {
+                3 => Ends::Frame,
+                // A device that is not there; what the command line says, unless it suited the frames before.
+                4 => Ends::Run,
+                2 if first => Ends::Run,
+                _ => Ends::Rest,
+            };
+            (f, ends)
         };
-        let output = Output::check(path, PICTURES).map_err(|f| (f, false))?;
+        let output = self.asked.output(path).map_err(|f| (f, Ends::Rest))?;
         let volume = self.session.volume_hash(scene, going, paid).map_err(own)?;
-        let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(own)?;
+        // Probe and preset are those of all frames.
+        let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(|f| (f, Ends::Run))?;
         let animation = self.asked.scene.animation.as_ref();
         let mut meta = vec![
             ("frame".to_owned(), self.asked.frames[place].to_string()),
@@ -176,16 +169,17 @@ impl Run<'_> {
         if self.asked.skip && is_whole(path, &meta) {
             return Ok(false);
         }
-        let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(|f| {
-            let (f, own) = own(f);
-            (f, own && !self.session.store().is_some_and(|s| s.broken))
+        let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(|f| match own(f) {
+            (f, Ends::Frame) if self.session.given_is_bad => (f, Ends::Run),
+            (f, Ends::Frame) if self.session.store().is_some_and(|s| s.broken) => (f, Ends::Rest),
+            other => other,
         })?;
         meta.extend([("scene".to_owned(), self.asked.header_text(scene)), ("volume_hash".to_owned(), volume)]);
         if let Some(engine) = self.session.engine() {
             meta.push(("device".into(), format!("{}; {}", engine.device().name, engine.device().driver)));
         }
         meta.extend(self.session.field_meta.iter().cloned());
-        paid.time(session::WRITE, || self.asked.written.write(&output, &layers, scene, &meta)).map_err(|f| (f, false))?;
+        paid.time(session::WRITE, || self.asked.written.write(&output, &layers, scene, &meta)).map_err(|f| (f, Ends::Rest))?;
         Ok(true)
     }
 

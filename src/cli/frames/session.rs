@@ -1,18 +1,19 @@
 //! Frames one after the other: what does not change between them is not computed again. A frame's bits depend on its scene
 //! alone: whatever is kept is what would have been computed.
 
+use super::forecast::field_of;
 use super::store::{Of, Store};
 use crate::cli::fail::Failure;
+use crate::cli::field_file::Keys;
 use crate::cli::fingerprint;
 use crate::cli::layers::{Layers, Written};
 use crate::cli::load;
 use crate::cli::{Context, field_file};
-use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium, surface_layers};
+use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium};
 use halflight::scene::scene::{LightSource, TransferSource, VolumeSettings};
 use halflight::scene::visibility::{Method, Sampling};
 use halflight::scene::{Camera, Clip, Light, Matter, Probe, Scene, Visibility, Volume};
-use halflight::stages::aov;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -84,8 +85,9 @@ struct Computed {
 /// What stays between frames.
 pub struct Session<'a> {
     context: &'a Context,
-    /// A field file in place of computing one.
+    /// A field file in place of computing one, and whether it turned out to be none of this.
     given: Option<PathBuf>,
+    pub given_is_bad: bool,
     /// Where fields are kept beyond this run.
     store: Option<Store>,
     /// Keep nothing.
@@ -118,6 +120,7 @@ impl<'a> Session<'a> {
         Self {
             context,
             given,
+            given_is_bad: false,
             store,
             fresh,
             engine: None,
@@ -165,10 +168,41 @@ impl<'a> Session<'a> {
         Ok((read.volume.clone(), read.hash.clone()))
     }
 
+    /// Refuses frames that need several fields where a file gives one. Volumes are read only for scenes that differ in what a field
+    /// depends on.
+    pub fn check_given(&mut self, frames: &[i64], scenes: &[Scene], going: Going) -> Result<(), Failure> {
+        if self.given.is_none() {
+            return Ok(());
+        }
+        let mut seen = HashSet::new();
+        let distinct: Vec<_> = frames.iter().zip(scenes).filter(|(_, scene)| seen.insert(field_of(scene))).collect();
+        let mut first: Option<(i64, Keys)> = None;
+        for (frame, scene) in distinct.iter().filter(|_| distinct.len() > 1) {
+            // What cannot be read is said of its frame.
+            let Ok(keys) = self.keys(scene, going) else { continue };
+            let (other, of) = first.get_or_insert((**frame, keys.clone()));
+            if *of != keys {
+                let what = if of.volume != keys.volume { "volume" } else { "transfer function, surface or clipping" };
+                return Err(Failure::usage(format!(
+                    "--field holds one field, and frame {frame} needs another than frame {other}, for its {what} differs; \
+                     --fields DIR keeps one for each"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    fn keys(&mut self, scene: &Scene, going: Going) -> Result<Keys, Failure> {
+        let (volume, hash) = self.volume(scene, going, &mut Paid::default())?;
+        let matter = load::checked_matter(scene, &volume)?;
+        Ok(Keys { volume: hash, matter: fingerprint::matter(&matter, scene, &volume) })
+    }
+
     fn light(&mut self, scene: &Scene, paid: &mut Paid) -> Result<Light, Failure> {
         if let LightSource::Probe(path) = &scene.light.source {
             if self.probe.as_ref().is_none_or(|(known, ..)| known != path) {
-                let (probe, light) = paid.time(READ, || load::probe(path))?;
+                let probe = paid.time(READ, || load::probe(scene, path))?;
+                let light = Light::from_probe(&probe);
                 self.probe = Some((path.clone(), probe, light));
             }
         } else {
@@ -219,12 +253,14 @@ impl<'a> Session<'a> {
             (self.lit, self.computed) = (None, None);
             let pixels = (scene.image.width, scene.image.height);
             // Layers hold more a pixel while they are gathered.
-            let layers = if written.behind() { aov::BYTES * ((pixels.0 * pixels.1) as u64).min(aov::MOST) } else { 0 };
-            let keys = field_file::Keys { volume: volume_hash.clone(), matter: classified.hash.clone() };
+            let layers = written.bytes(&scene.image);
+            let keys = Keys { volume: volume_hash.clone(), matter: classified.hash.clone() };
             let mut need = None;
             let made = match (&self.given, &mut self.store) {
                 (Some(path), _) => {
-                    let loaded = paid.time(READ, || field_file::read(engine, path, &volume, scene, &keys, None))?;
+                    let loaded = paid.time(READ, || field_file::read(engine, path, &volume, scene, &keys, None));
+                    self.given_is_bad = loaded.is_err();
+                    let loaded = loaded?;
                     self.field_meta = loaded.meta;
                     Ok(loaded.field)
                 }
@@ -261,10 +297,9 @@ impl<'a> Session<'a> {
             paid.time(RENDER, || engine.render_with_distance(medium, lit, &camera, &scene.image, &mut job(going))).map_err(blame)?;
         let mut behind = Vec::new();
         if written.behind() {
-            behind = paid.time(LAYERS, || engine.aovs(medium, lit, &camera, &scene.image, &hits, &mut job(going))).map_err(blame)?;
-            if let Some(albedo) = classified.matter.surface_albedo() {
-                surface_layers(&mut behind, &picture, albedo);
-            }
+            let of = (medium, &classified.matter, lit);
+            let gather = || written.gather(engine, of, (&camera, &scene.image), (&picture, &hits), &mut job(going));
+            behind = paid.time(LAYERS, gather).map_err(blame)?;
         }
         let probe = self.probe.as_ref().map(|p| &p.1);
         crate::cli::render::lay_background(scene, volume.grid(), &camera, probe, &mut picture)?;
@@ -282,5 +317,5 @@ fn loading(v: &Visibility) -> Visibility {
 }
 
 fn lost() -> Failure {
-    Failure { code: 1, sentence: "internal error: a stage left nothing".into() }
+    Failure::new(1, "internal error: a stage left nothing")
 }

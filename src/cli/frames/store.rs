@@ -18,6 +18,9 @@ use std::time::{Duration, Instant};
 /// How often another process is looked after.
 const LOOK: Duration = Duration::from_millis(100);
 
+/// How often a lock that has lost its name is taken anew: not for ever, should a file system number its files anew each time.
+const TRIES: u32 = 16;
+
 /// The folder, and what came of it.
 pub struct Store {
     pub folder: PathBuf,
@@ -98,8 +101,6 @@ impl Store {
         paid.time(FIELDS, write).inspect_err(|_| self.broken = true)?;
         self.largest = self.largest.max(path.metadata().map_or(0, |m| m.len()));
         self.computed += 1;
-        // Whoever opened the lock before finds the field after it; while the field is missing the lock stays.
-        let _ = std::fs::remove_file(&lock);
         drop(held);
         Ok(field)
     }
@@ -141,21 +142,55 @@ impl Store {
     }
 }
 
-/// The right to compute a field, and whether another had it first; the system takes it from processes that end. Where a file
-/// system has no locks, everyone has it: two then compute the same bits and one file replaces the other.
-fn take(path: &Path, going: Going) -> Result<(File, bool), Failure> {
-    let fail = |source| Error::Io { path: path.to_owned(), action: "open", source };
-    let file = File::options().create(true).truncate(false).write(true).open(path).map_err(fail)?;
-    let mut waited = false;
-    while let Err(TryLockError::WouldBlock) = FileExt::try_lock(&file) {
-        if !going() {
-            return Err(Error::Cancelled.into());
-        }
-        if !waited {
-            log::info!("{}: another process computes this field, waiting for it", path.display());
-        }
-        waited = true;
-        std::thread::sleep(LOOK);
+/// The right to compute a field. Its file goes with it, field or no field.
+struct Lock {
+    path: PathBuf,
+    /// The system takes it back from processes that end.
+    _file: File,
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // Still held: nobody else's can be at this place. Who opened it before finds that it has lost its name.
+        let _ = std::fs::remove_file(&self.path);
     }
-    Ok((file, waited))
+}
+
+/// The right to compute a field, and whether another had it first. Where a file system has no locks, everyone has it: two then
+/// compute the same bits and one file replaces the other.
+fn take(path: &Path, going: Going) -> Result<(Lock, bool), Failure> {
+    let fail = |source| Error::Io { path: path.to_owned(), action: "open", source };
+    let mut waited = false;
+    let mut tries = 0..TRIES;
+    loop {
+        let file = File::options().create(true).truncate(false).write(true).open(path).map_err(fail)?;
+        while let Err(TryLockError::WouldBlock) = FileExt::try_lock(&file) {
+            if !going() {
+                return Err(Error::Cancelled.into());
+            }
+            if !waited {
+                log::info!("{}: another process computes this field, waiting for it", path.display());
+            }
+            waited = true;
+            std::thread::sleep(LOOK);
+        }
+        if is_at(&file, path) || tries.next().is_none() {
+            return Ok((Lock { path: path.to_owned(), _file: file }, waited));
+        }
+        // Its holder took it away: another may hold the one that has its name now.
+        waited = true;
+    }
+}
+
+/// Whether the file of that name is this one.
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    matches!((file.metadata(), path.metadata()), (Ok(a), Ok(b)) if (a.dev(), a.ino()) == (b.dev(), b.ino()))
+}
+
+/// Files that are open keep their names here.
+#[cfg(not(unix))]
+fn is_at(_: &File, _: &Path) -> bool {
+    true
 }

@@ -1,9 +1,8 @@
 //! What came of the frames, said at the end.
 
 use super::Run;
-use super::says::{Mode, stages};
+use super::says::stages;
 use super::session::Paid;
-use crate::cli::Context;
 use crate::cli::fail::Failure;
 use crate::cli::report::Report;
 use halflight::error::bytes;
@@ -20,12 +19,27 @@ pub struct Tally {
     pub list: Vec<serde_json::Value>,
 }
 
+impl Tally {
+    /// Whether nothing came of any frame.
+    pub fn is_empty(&self) -> bool {
+        self.written + self.skipped + self.failed.len() == 0
+    }
+
+    /// What a run ends with whose frames fail by their own files.
+    pub fn failure(&self) -> Option<Failure> {
+        let (frame, first) = self.failed.first()?;
+        let sentence = match self.failed.len() {
+            1 => format!("frame {frame} failed: {}", first.sentence),
+            n => format!("{n} frames failed, the first of them {frame}: {}", first.sentence),
+        };
+        Some(Failure::new(first.code, sentence))
+    }
+}
+
 impl Run<'_> {
     /// How many frames, how long, how far off the estimate was.
-    pub fn summary(&self, context: &Context, mode: Mode, failure: Option<&Failure>) -> Result<(), Failure> {
-        let (tally, seconds) = (&self.tally, self.start.elapsed().as_secs_f64());
-        // Whoever reads JSON, line by line too, reads nothing else.
-        let mut report = Report::new(context.json || mode == Mode::Json);
+    pub fn summary(&self, mut report: Report, failure: Option<&Failure>) -> Result<(), Failure> {
+        let (tally, seconds) = (&self.tally, report.seconds());
         let each = if tally.written > 0 { tally.paid.seconds() / tally.written as f64 } else { 0.0 };
         let mut text = format!("{} written in {}, {each:.2} s each", tally.written, duration(seconds));
         if tally.skipped > 0 {
@@ -74,8 +88,7 @@ impl Run<'_> {
             report.set("error", json!(failure.sentence));
             report.set("code", json!(failure.code));
         }
-        // A failure ends as one JSON object of its own.
-        if failure.is_some() && context.json { Ok(()) } else { report.finish() }
+        report.finish()
     }
 }
 
