@@ -141,9 +141,14 @@ pub(super) fn read_pattern(path: &Path, options: &ReadOptions) -> Result<Volume>
 
 /// One picture, or the pages of one TIFF.
 pub(super) fn read_file(path: &Path, options: &ReadOptions) -> Result<Volume> {
-    let (form, pages) = picture::form(path)?;
+    let (form, mut pages, axes) = picture::form(path)?;
+    let mut options = options.clone();
+    if let Some(axes) = axes {
+        pages = axes.choose(path, &form, &pages, &options)?;
+        options.component = None;
+    }
     let load = picture::pages(path.to_owned(), form.clone(), pages.clone())?;
-    read(path, &form, pages.len(), options, load)
+    read(path, &form, pages.len(), &options, load)
 }
 
 /// Files of one page each.
@@ -151,7 +156,7 @@ fn read_slices(path: &Path, files: Vec<PathBuf>, options: &ReadOptions) -> Resul
     if let [only] = &files[..] {
         return read_file(only, options);
     }
-    let (form, pages) = picture::form(&files[0])?;
+    let (form, pages, _) = picture::form(&files[0])?;
     if pages.len() > 1 {
         let what = format!("it has {} pages, and there are {} files", pages.len(), files.len());
         return Err(bad(&files[0], what, "a stack has one page per file, or one file: name that file"));
@@ -160,7 +165,7 @@ fn read_slices(path: &Path, files: Vec<PathBuf>, options: &ReadOptions) -> Resul
     let expected = form.clone();
     let count = files.len();
     read(path, &form, count, options, move |i, bytes| {
-        let (found, pages) = picture::form(&files[i])?;
+        let (found, pages, _) = picture::form(&files[i])?;
         if found != expected || pages.len() != 1 {
             let what = format!("it is {}, and {} is {}", found.says(pages.len()), shown(&first), expected.says(1));
             return Err(bad(&files[i], what, "all slices must have the same size and type"));
@@ -180,6 +185,12 @@ fn read(
     let spacing = options.spacing.unwrap_or([1.0; 3]);
     if options.spacing.is_none() && count > 1 {
         log::info!("{}: slices do not say how far apart they are; voxels are taken as cubes of edge 1 (volume.spacing)", shown(path));
+    }
+    if form.color == picture::WHITE_FIRST {
+        log::warn!(
+            "{}: in its pictures small values are bright (PhotometricInterpretation 0); values are read as they are stored",
+            shown(path)
+        );
     }
     let grid = grid(path, dims, DAffine3::from_scale(DVec3::from(spacing)))?;
     let labels = form.labels();

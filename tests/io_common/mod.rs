@@ -1,6 +1,8 @@
 //! What the reader tests share: formula volumes as bytes, files in a folder that goes away.
 #![allow(dead_code)]
 
+pub mod logs;
+pub mod tiff_bytes;
 pub mod vdb;
 pub mod zeros;
 

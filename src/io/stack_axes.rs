@@ -1,0 +1,173 @@
+//! Pages of a TIFF that are of several channels or times: ImageJ's hyperstacks
+//! (<https://imagej.net/ij/developer/source/ij/io/FileSaver.java.html>, its description of a stack) and OME-TIFF
+//! (<https://docs.openmicroscopy.org/ome-model/6.3.1/ome-tiff/specification.html>). Both say it in the first page's description.
+
+use super::ReadOptions;
+use super::choose;
+use super::limits::bad;
+use super::stack_picture::Form;
+use super::xml::{Form as TagForm, Tags};
+use crate::error::Result;
+use std::path::Path;
+
+/// Bytes of a description that are looked at: OME-XML may tell all of a microscope before its planes.
+pub(super) const MOST: usize = 1 << 20;
+
+/// How many slices, channels and times there are, and how many pages lie from one to the next.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Axes {
+    counts: [usize; 3],
+    strides: [usize; 3],
+    /// "ImageJ" or "OME-TIFF".
+    by: &'static str,
+}
+
+/// Where samples lie that pages do not speak of.
+pub(super) struct Behind {
+    /// Byte where the first page's begin, uncompressed.
+    pub start: Option<u64>,
+    /// Bytes of the file.
+    pub length: u64,
+    pub big_endian: bool,
+}
+
+impl Axes {
+    /// Axes whose order in the file is `order`, such as "ZCT".
+    fn new(counts: [usize; 3], order: &str, by: &'static str) -> Self {
+        let mut strides = [1; 3];
+        let mut stride = 1usize;
+        for axis in order.chars().filter_map(|c| "ZCT".find(c)) {
+            strides[axis] = stride;
+            stride = stride.saturating_mul(counts[axis]);
+        }
+        Self { counts, strides, by }
+    }
+
+    fn total(&self) -> usize {
+        self.counts.iter().fold(1, |n, &c| n.saturating_mul(c))
+    }
+
+    /// "4 slices of 3 channels (ImageJ)".
+    fn says(&self) -> String {
+        let [z, c, t] = self.counts;
+        let times = if t > 1 { format!(" at {t} times") } else { String::new() };
+        let channels = if c > 1 { format!(" of {c} channels") } else { String::new() };
+        format!("{z} slices{channels}{times} ({})", self.by)
+    }
+
+    /// Those of `pages` that belong to the channel and time that are wanted.
+    pub fn choose(&self, path: &Path, form: &Form, pages: &[usize], options: &ReadOptions) -> Result<Vec<usize>> {
+        let [z, c, t] = self.counts;
+        if form.channels > 1 {
+            let what = format!("it holds {}, and its pixels have {} channels ({})", self.says(), form.channels, form.color);
+            return Err(bad(path, what, "channels or times in pages of one channel are read: split it"));
+        }
+        let name = |i: usize| format!("c{}t{}", i % c, i / c);
+        let labels: Vec<String> = if c > 1 && t > 1 { (0..c * t).map(name).collect() } else { Vec::new() };
+        let pick = choose::component(path, &format!("it holds {}", self.says()), c * t, &labels, None, options)?;
+        let [step, channel, time] = self.strides;
+        let first = pick % c * channel + pick / c * time;
+        Ok((0..z).filter_map(|i| pages.get(first + i * step).copied()).collect())
+    }
+}
+
+/// The axes that a description gives the pages; none where they are slices alone.
+pub(super) fn axes(path: &Path, description: &[u8], form: &Form, pages: &[usize], behind: &Behind) -> Result<Option<Axes>> {
+    let text = String::from_utf8_lossy(description);
+    if text.starts_with("ImageJ=") {
+        return imagej(path, &text, form, pages, behind);
+    }
+    if text.starts_with("{\"shape\":") && text.contains("\"truncated\": true") {
+        return Err(headerless(path, "its description (tifffile) counts more slices".into(), None, form, behind));
+    }
+    if text.contains("<OME") { ome(path, description, form, pages) } else { Ok(None) }
+}
+
+fn imagej(path: &Path, text: &str, form: &Form, pages: &[usize], behind: &Behind) -> Result<Option<Axes>> {
+    let number = |key: &str| {
+        let value = text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('='));
+        value.and_then(|v| v.trim().parse::<usize>().ok()).filter(|n| *n > 0).unwrap_or(1)
+    };
+    let (images, z, c, t) = (number("images"), number("slices"), number("channels"), number("frames"));
+    // One directory for all that follow each other without a gap: its form for more than 4 GB. A single page that was
+    // taken from a stack may have kept its description.
+    let left = behind.start.map_or(0, |start| behind.length.saturating_sub(start));
+    let all = (images as u64).saturating_mul(form.bytes() as u64);
+    if pages.len() == 1 && images > 1 && all <= left {
+        // A headerless file has nothing behind its samples.
+        let count = (c == 1 && form.channels == 1 && all == left).then_some(images);
+        return Err(headerless(path, format!("its description (ImageJ) counts {images} slices"), count, form, behind));
+    }
+    if pages.len() == 1 || c == 1 && (t == 1 || z == 1) {
+        return Ok(None);
+    }
+    checked(path, Axes::new([z, c, t], "CZT", "ImageJ"), pages)
+}
+
+/// Axes that fit the pages.
+fn checked(path: &Path, axes: Axes, pages: &[usize]) -> Result<Option<Axes>> {
+    match axes.total() == pages.len() {
+        true => Ok(Some(axes)),
+        false => {
+            let what = format!("its description counts {}, it has {} pages", axes.says(), pages.len());
+            Err(bad(path, what, "all of its pages are needed in one file"))
+        }
+    }
+}
+
+/// Refuses slices that no page speaks of; says how they are read, where that is known.
+fn headerless(path: &Path, what: String, count: Option<usize>, form: &Form, behind: &Behind) -> crate::Error {
+    let right = match (count, behind.start) {
+        (Some(count), Some(start)) if !form.half => {
+            let endian = if behind.big_endian && form.kind.bytes() > 1 { " --volume.endian big" } else { "" };
+            let (width, height, kind) = (form.width, form.height, form.kind.name());
+            format!("headerless they are read: --volume.dims {width},{height},{count} --volume.type {kind} --volume.offset {start}{endian}")
+        }
+        _ => "a page per slice is needed: save it again so".into(),
+    };
+    bad(path, format!("{what}, and it has 1 page"), right)
+}
+
+fn ome(path: &Path, description: &[u8], form: &Form, pages: &[usize]) -> Result<Option<Axes>> {
+    let mut tags = Tags::new(path, description);
+    let (mut axes, mut images, mut planes) = (None, 0, 0usize);
+    // What is no XML behind, or is cut off, says no more.
+    while let Ok(Some(tag)) = tags.next() {
+        let number = |key: &str| tag.get(key).and_then(|v| v.parse::<usize>().ok());
+        match tag.name.rsplit(':').next() {
+            Some("Pixels") if tag.form != TagForm::Close => {
+                images += 1;
+                let size = |key: &str| number(key).filter(|n| *n > 0).unwrap_or(1);
+                // Samples of a pixel are channels, too.
+                let channels = size("SizeC").div_ceil(form.channels);
+                let order = tag.get("DimensionOrder").unwrap_or("XYZCT");
+                let found = Axes::new([size("SizeZ"), channels, size("SizeT")], order, "OME-TIFF");
+                planes = planes.saturating_add(found.total());
+                axes.get_or_insert(found);
+            }
+            Some("TiffData") if tag.form != TagForm::Close && images == 1 => {
+                let (Some(axes), Some(page)) = (&axes, number("IFD")) else { continue };
+                let first = ["FirstZ", "FirstC", "FirstT"].map(|key| number(key).unwrap_or(0));
+                let due = first.iter().zip(axes.strides).fold(0usize, |sum, (n, s)| sum.saturating_add(n.saturating_mul(s)));
+                if axes.total() == pages.len() && pages.get(due) != Some(&page) {
+                    let what = format!("its description (OME-TIFF) puts a plane at page {page} that is due at {due}");
+                    return Err(bad(path, what, "planes in the order of DimensionOrder are read: save it again so"));
+                }
+            }
+            _ => {}
+        }
+    }
+    let Some(axes) = axes else { return Ok(None) };
+    let [z, c, t] = axes.counts;
+    // Of an image in several files, one may hold a slice, or slices alone.
+    if pages.len() == 1 {
+        return Ok(None);
+    }
+    if images > 1 && planes == pages.len() {
+        return Err(bad(path, format!("it holds {images} images (OME-TIFF)"), "one is read: save it alone"));
+    }
+    if c == 1 && (t == 1 || z == 1) {
+        return Ok(None);
+    }
+    checked(path, axes, pages)
+}

@@ -1,0 +1,192 @@
+//! TIFF files as other programs write them, byte by byte: read as they are stored, or refused with what would be right.
+
+mod io_common;
+use halflight::Result;
+use halflight::io::{ReadOptions, SampleType, describe, read_volume};
+use halflight::scene::Volume;
+use io_common::logs::warnings;
+use io_common::tiff_bytes::{Directory, Value, lzw, page, set, tiff};
+use io_common::{DIMS, Folder, bytes, says, values};
+use std::path::Path;
+
+fn read(path: &Path) -> Result<Volume> {
+    read_volume(path, &ReadOptions::default())
+}
+
+fn pick(path: &Path, component: &str) -> Result<Volume> {
+    read_volume(path, &ReadOptions { component: Some(component.into()), ..Default::default() })
+}
+
+fn holds(volume: &Volume, kind: SampleType) -> bool {
+    let expected = values(kind);
+    volume.grid().dims() == DIMS && (0..expected.len()).all(|i| volume.value(i) == expected[i] as f32)
+}
+
+/// The formula's volume, a page a slice, of a photometric interpretation.
+fn stack(kind: SampleType, photometric: u16) -> Vec<u8> {
+    let format = match kind.name().as_bytes()[0] {
+        b'u' => 1,
+        b'i' => 2,
+        _ => 3,
+    };
+    let pages = |z: u32| page([5, 4], 8 * kind.bytes() as u16, format, photometric, 8 + 20 * z * kind.bytes() as u32);
+    tiff(&bytes(kind, false), &(0..3).map(pages).collect::<Vec<_>>())
+}
+
+/// Pages of 2x1 bytes, each with its own number, the first with a description.
+fn numbered(count: u8, description: &str) -> Vec<u8> {
+    let data: Vec<u8> = (0..count).flat_map(|i| [i, i]).collect();
+    let mut pages: Vec<Directory> = (0..u32::from(count)).map(|i| page([2, 1], 8, 1, 1, 8 + 2 * i)).collect();
+    set(&mut pages[0], 270, Value::Text(description.into()));
+    tiff(&data, &pages)
+}
+
+/// The numbers of the pages that became slices.
+fn slices(volume: &Volume) -> Vec<u8> {
+    (0..volume.grid().dims()[2]).map(|z| volume.value(2 * z) as u8).collect()
+}
+
+#[test]
+fn white_first_is_read_as_stored() {
+    use SampleType::*;
+    let dir = Folder::new();
+    for kind in [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64] {
+        assert!(holds(&read(&dir.file("b.tif", &[&stack(kind, 1)])).unwrap(), kind), "{kind:?}");
+        let white = read(&dir.file("w.tif", &[&stack(kind, 0)]));
+        match kind {
+            U8 | U16 | U32 | U64 => assert!(holds(&white.unwrap(), kind), "{kind:?}"),
+            _ => says(
+                white,
+                &["w.tif", kind.name(), "the smallest is white (PhotometricInterpretation 0)", "save it with black as the smallest (1)"],
+            ),
+        }
+    }
+    let (_, said) = warnings(|| read(&dir.file("w.tif", &[&stack(U8, 0)])).unwrap());
+    assert!(said.len() == 1 && said[0].contains("small values are bright (PhotometricInterpretation 0)"), "{said:?}");
+    // Slices of both kinds are no volume.
+    let mut pages: Vec<Directory> = (0..3).map(|z| page([5, 4], 8, 1, u16::from(z == 0), 8 + 20 * z)).collect();
+    says(read(&dir.file("m.tif", &[&tiff(&bytes(U8, false), &pages)])), &["page 1 is 5x4 uint8, grey from white to black", "same"]);
+    // A palette is no matter of compression.
+    for p in &mut pages {
+        set(p, 262, Value::Short(3));
+    }
+    says(read(&dir.file("p.tif", &[&tiff(&bytes(U8, false), &pages)])), &["p.tif", "palettes are not", "as grey or RGB"]);
+    for p in &mut pages {
+        set(p, 262, Value::Short(1));
+        set(p, 259, Value::Short(50000));
+    }
+    says(read(&dir.file("z.tif", &[&tiff(&bytes(U8, false), &pages)])), &["z.tif", "PackBits, LZW and Deflate are read"]);
+}
+
+#[test]
+fn channels_and_times_in_pages_are_chosen() {
+    let dir = Folder::new();
+    let imagej = |rest: &str| format!("ImageJ=1.54f\n{rest}");
+    let one = dir.file("c.tif", &[&numbered(12, &imagej("images=12\nchannels=3\nslices=4\nhyperstack=true\n"))]);
+    says(read(&one), &["c.tif: it holds 4 slices of 3 channels (ImageJ); choose one with volume.component, 0 to 2"]);
+    assert_eq!(slices(&pick(&one, "1").unwrap()), [1, 4, 7, 10]);
+    says(pick(&one, "3"), &["'3' is none of"]);
+    let both = dir.file("ct.tif", &[&numbered(12, &imagej("images=12\nchannels=2\nslices=3\nframes=2\n"))]);
+    says(read(&both), &["3 slices of 2 channels at 2 times", "c0t0, c1t0, c0t1, c1t1"]);
+    assert_eq!(slices(&pick(&both, "c1t1").unwrap()), [7, 9, 11]);
+    let times = dir.file("t.tif", &[&numbered(6, &imagej("images=6\nslices=3\nframes=2\n"))]);
+    assert_eq!(slices(&pick(&times, "1").unwrap()), [3, 4, 5]);
+    // Slices, or times alone, are the third axis.
+    for rest in ["images=6\nslices=6\n", "images=6\nframes=6\n", ""] {
+        assert_eq!(slices(&read(&dir.file("s.tif", &[&numbered(6, &imagej(rest))])).unwrap()), [0, 1, 2, 3, 4, 5]);
+    }
+    let cut = dir.file("d.tif", &[&numbered(5, &imagej("images=6\nchannels=2\nslices=3\n"))]);
+    says(read(&cut), &["counts 3 slices of 2 channels (ImageJ), it has 5 pages"]);
+    // Channels of a pixel beside times in pages.
+    let mut pages: Vec<Directory> = (0..4).map(|i| page([2, 1], 8, 1, 2, 8 + 6 * i)).collect();
+    for p in &mut pages {
+        set(p, 277, Value::Short(3));
+        set(p, 279, Value::Long(vec![6]));
+    }
+    set(&mut pages[0], 270, Value::Text(imagej("images=4\nslices=2\nframes=2\n")));
+    says(pick(&dir.file("r.tif", &[&tiff(&[7; 24], &pages)]), "0"), &["2 slices at 2 times", "3 channels (RGB)", "split it"]);
+}
+
+#[test]
+fn ome_tiff_has_its_own_order() {
+    let dir = Folder::new();
+    let ome = |order: &str, size: [u8; 3], data: &str| {
+        let [z, c, t] = size;
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?><!-- µ --><OME xmlns=\"x\"><Image ID=\"Image:0\"><Pixels DimensionOrder=\"{order}\" \
+             PhysicalSizeXUnit=\"µm\" SizeX=\"2\" SizeY=\"1\" SizeZ=\"{z}\" SizeC=\"{c}\" SizeT=\"{t}\">{data}</Pixels></Image>"
+        )
+    };
+    let file = |count: u8, text: &str| dir.file("o.tif", &[&numbered(count, &format!("{text}</OME>"))]);
+    for (order, second) in [("XYZCT", [4, 5, 6, 7]), ("XYCZT", [1, 3, 5, 7])] {
+        let path = file(8, &ome(order, [4, 2, 1], "<TiffData IFD=\"0\" PlaneCount=\"8\"/>"));
+        says(read(&path), &["4 slices of 2 channels (OME-TIFF)", "0 to 1"]);
+        assert_eq!(slices(&pick(&path, "1").unwrap()), second, "{order}");
+    }
+    let planes = |first: u8| format!("<TiffData FirstC=\"0\" IFD=\"{first}\"/><TiffData FirstC=\"1\" IFD=\"4\"/>");
+    assert_eq!(slices(&pick(&file(8, &ome("XYZCT", [4, 2, 1], &planes(0))), "0").unwrap()), [0, 1, 2, 3]);
+    says(pick(&file(8, &ome("XYZCT", [4, 2, 1], &planes(4))), "0"), &["a plane at page 4 that is due at 0", "DimensionOrder"]);
+    // Slices alone, also where the others lie in other files.
+    assert_eq!(slices(&read(&file(3, &ome("XYZCT", [3, 1, 1], ""))).unwrap()), [0, 1, 2]);
+    assert_eq!(slices(&read(&file(1, &ome("XYZCT", [3, 2, 1], ""))).unwrap()), [0]);
+    says(read(&file(3, &ome("XYZCT", [3, 2, 1], ""))), &["counts 3 slices of 2 channels (OME-TIFF), it has 3 pages"]);
+    let image = ome("XYZCT", [3, 1, 1], "");
+    says(read(&file(6, &(image.clone() + &image))), &["it holds 2 images (OME-TIFF)", "save it alone"]);
+    // What is cut off, or no XML, says nothing.
+    assert_eq!(slices(&read(&file(3, "<OME><Pixels SizeC=\"3")).unwrap()), [0, 1, 2]);
+}
+
+#[test]
+fn slices_that_no_page_speaks_of_are_refused() {
+    let dir = Folder::new();
+    let mut one = page([2, 1], 16, 1, 1, 8);
+    set(&mut one, 270, Value::Text("ImageJ=1.54f\nimages=6\nslices=6\n".into()));
+    let data: Vec<u8> = (0..6u16).flat_map(|i| [i, i]).flat_map(u16::to_le_bytes).collect();
+    // The samples come last, where their place does not change what is before them.
+    let start = tiff(&[], &[one.clone()]).len() as u32;
+    set(&mut one, 273, Value::Long(vec![start]));
+    let path = dir.file("i.tif", &[&tiff(&[], &[one.clone()]), &data]);
+    let way = format!("--volume.dims 2,1,6 --volume.type uint16 --volume.offset {start}");
+    says(read(&path), &["counts 6 slices, and it has 1 page", &way]);
+    let offset = u64::from(start);
+    let raw = halflight::io::RawLayout { dims: [2, 1, 6], kind: SampleType::U16, big_endian: false, spacing: [1.0; 3], offset };
+    assert_eq!(slices(&read_volume(&path, &ReadOptions { raw: Some(raw), ..Default::default() }).unwrap()), [0, 1, 2, 3, 4, 5]);
+    says(read(&dir.file("b.tif", &[&tiff(&[], &[one.clone()]), &data, b"more"])), &["counts 6 slices", "a page per slice is needed"]);
+    // A page that was taken from a stack keeps its description.
+    assert_eq!(read(&dir.file("s.tif", &[&tiff(&[], &[one.clone()]), &data[..4]])).unwrap().grid().dims(), [2, 1, 1]);
+    set(&mut one, 270, Value::Text("{\"shape\": [6, 1, 2], \"truncated\": true}".into()));
+    says(read(&dir.file("t.tif", &[&tiff(&[], &[one.clone()]), &data])), &["tifffile", "it has 1 page", "a page per slice"]);
+    set(&mut one, 270, Value::Text(String::new()));
+    set(&mut one, 32997, Value::Short(6));
+    says(read(&dir.file("v.tif", &[&tiff(&data, &[one])])), &["hold 6 slices each (ImageDepth)", "a page per slice"]);
+}
+
+#[test]
+fn tiles_in_lzw_say_whose_fault_it_may_be() {
+    let dir = Folder::new();
+    // Tiles of 16x16; the decoder fails on valid ones that hang over the picture's edge.
+    let tiled = |width: u32, height: u32| {
+        let (across, down) = (width.div_ceil(16), height.div_ceil(16));
+        let at = |x: u32, y: u32| if x < width && y < height { (x + 3 * y) as u8 } else { 0 };
+        let tile = |i: u32| lzw(&(0..256).map(|p| at(i % across * 16 + p % 16, i / across * 16 + p / 16)).collect::<Vec<u8>>());
+        let tiles: Vec<Vec<u8>> = (0..across * down).map(tile).collect();
+        let mut directory = page([width, height], 8, 1, 1, 8);
+        directory.retain(|(tag, _)| ![273, 278, 279].contains(tag));
+        let lengths: Vec<u32> = tiles.iter().map(|t| t.len() as u32).collect();
+        let starts = (0..tiles.len()).map(|i| 8 + lengths[..i].iter().sum::<u32>()).collect();
+        let tags = [
+            (259, Value::Short(5)),
+            (322, Value::Short(16)),
+            (323, Value::Short(16)),
+            (324, Value::Long(starts)),
+            (325, Value::Long(lengths)),
+        ];
+        tags.into_iter().for_each(|(tag, value)| set(&mut directory, tag, value));
+        tiff(&tiles.concat(), &[directory])
+    };
+    let whole = read(&dir.file("w.tif", &[&tiled(32, 32)])).unwrap();
+    assert!((0..1024).all(|i| whole.value(i) == (i % 32 + 3 * (i / 32)) as f32));
+    assert_eq!(describe(&whole).dims, [32, 32, 1]);
+    // Where this one is read, the decoder is mended, and the sentence can go.
+    says(read(&dir.file("e.tif", &[&tiled(47, 33)])), &["e.tif", "some valid tiles in LZW", "in strips, or with Deflate"]);
+}
