@@ -31,9 +31,11 @@ pub(super) struct Slice {
     pub axes: Option<[DVec3; 2]>,
     /// Distance of columns and of rows, mm.
     pub spacing: Option<[f64; 2]>,
-    /// Distance of slices, as the file says it without positions.
+    /// Distance of slices, as the file says it without positions; below 0 where they lie against their normal.
     pub between: Option<f64>,
     pub rescale: (f32, f32),
+    /// Whether a table says what samples mean.
+    pub table: bool,
 }
 
 /// Those of `files` that begin as DICOM files do.
@@ -114,7 +116,7 @@ fn offsets(path: &Path, fields: &Fields, count: usize) -> Result<Option<Vec<f64>
 
 /// The frames of a file.
 fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
-    let Elements { fields, shared, frames, pixels, big_endian } = elements;
+    let Elements { fields, shared, frames, pixels, big_endian, .. } = elements;
     let Some((float_bits, pixels)) = pixels else { return Ok(Vec::new()) };
     let form = form(path, &fields, float_bits, big_endian, &pixels)?;
     let count = match fields.get(&element::FRAMES) {
@@ -181,7 +183,8 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
                     .ok_or_else(|| wrong("PixelSpacing", spacing_tag, "two numbers above 0 are needed"))?,
             ),
         };
-        let between = number("SpacingBetweenSlices", element::BETWEEN)?.map(f64::abs).filter(|s| *s > 0.0);
+        // Its sign is the direction of stacking (PS3.3, C.8.4.15).
+        let between = number("SpacingBetweenSlices", element::BETWEEN)?.filter(|s| *s != 0.0);
         let between = between.or(number("SliceThickness", element::THICKNESS)?.map(f64::abs).filter(|s| *s > 0.0));
         // Frames that have one position for all of them lie along the normal from there.
         let position = match axes {
@@ -211,6 +214,7 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
             spacing,
             between,
             rescale: (slope, intercept),
+            table: fields.contains_key(&element::MODALITY_LUT),
         })
     };
     places.into_iter().enumerate().map(slice).collect()

@@ -2,79 +2,13 @@
 //! <https://dicom.nema.org/medical/dicom/current/output/html/part05.html>. By hand, because the crates for it ask for as
 //! much memory as a damaged length claims, up to 4 GiB.
 
+pub(super) use super::dicom_tags::*;
 use super::limits::{bad, io, open, quote};
 use crate::error::Result;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
-
-/// Group and element in one number.
-pub(super) type Tag = u32;
-
-pub(super) const SYNTAX: Tag = 0x0002_0010;
-pub(super) const SERIES_DESCRIPTION: Tag = 0x0008_103e;
-pub(super) const THICKNESS: Tag = 0x0018_0050;
-pub(super) const BETWEEN: Tag = 0x0018_0088;
-pub(super) const IMAGER_SPACING: Tag = 0x0018_1164;
-pub(super) const SERIES_UID: Tag = 0x0020_000e;
-pub(super) const INSTANCE: Tag = 0x0020_0013;
-pub(super) const POSITION: Tag = 0x0020_0032;
-pub(super) const ORIENTATION: Tag = 0x0020_0037;
-pub(super) const SAMPLES: Tag = 0x0028_0002;
-pub(super) const PHOTOMETRIC: Tag = 0x0028_0004;
-pub(super) const PLANAR: Tag = 0x0028_0006;
-pub(super) const FRAMES: Tag = 0x0028_0008;
-pub(super) const ROWS: Tag = 0x0028_0010;
-pub(super) const COLUMNS: Tag = 0x0028_0011;
-pub(super) const SPACING: Tag = 0x0028_0030;
-pub(super) const ALLOCATED: Tag = 0x0028_0100;
-pub(super) const STORED: Tag = 0x0028_0101;
-pub(super) const HIGH_BIT: Tag = 0x0028_0102;
-pub(super) const SIGNED: Tag = 0x0028_0103;
-pub(super) const INTERCEPT: Tag = 0x0028_1052;
-pub(super) const SLOPE: Tag = 0x0028_1053;
-/// Of dose: places of the frames along the normal, and what a stored unit is worth.
-pub(super) const FRAME_OFFSETS: Tag = 0x3004_000c;
-pub(super) const DOSE_SCALING: Tag = 0x3004_000e;
-
-/// Elements that are kept, and whether they are binary 16-bit numbers; the others are text.
-const WANTED: [(Tag, bool); 23] = [
-    (SERIES_DESCRIPTION, false),
-    (THICKNESS, false),
-    (BETWEEN, false),
-    (IMAGER_SPACING, false),
-    (SERIES_UID, false),
-    (INSTANCE, false),
-    (POSITION, false),
-    (ORIENTATION, false),
-    (SAMPLES, true),
-    (PHOTOMETRIC, false),
-    (PLANAR, true),
-    (FRAMES, false),
-    (ROWS, true),
-    (COLUMNS, true),
-    (SPACING, false),
-    (ALLOCATED, true),
-    (STORED, true),
-    (HIGH_BIT, true),
-    (SIGNED, true),
-    (INTERCEPT, false),
-    (SLOPE, false),
-    (FRAME_OFFSETS, false),
-    (DOSE_SCALING, false),
-];
-
-const SHARED: Tag = 0x5200_9229;
-const PER_FRAME: Tag = 0x5200_9230;
-/// Measures, position, orientation and value transformation of a multi-frame image.
-const FRAME_PARTS: [Tag; 4] = [0x0028_9110, 0x0020_9113, 0x0020_9116, 0x0028_9145];
-const ITEM: Tag = 0xfffe_e000;
-const ITEM_END: Tag = 0xfffe_e00d;
-const SEQUENCE_END: Tag = 0xfffe_e0dd;
-const PIXELS: Tag = 0x7fe0_0010;
-const FLOAT_PIXELS: Tag = 0x7fe0_0008;
-const DOUBLE_PIXELS: Tag = 0x7fe0_0009;
 
 /// Longest value that is kept (but a list of offsets), deepest nesting, most frames and fragments.
 const MAX_VALUE: u64 = 4096;
@@ -99,6 +33,8 @@ pub(super) struct Elements {
     /// Of all frames, and of each.
     pub shared: Fields,
     pub frames: Vec<Fields>,
+    /// Of the first detector.
+    detector: Fields,
     /// Bits of a float sample, else 0; and the samples. None where the file has none.
     pub pixels: Option<(u32, Pixels)>,
     pub big_endian: bool,
@@ -157,8 +93,12 @@ pub(super) fn read(path: &Path) -> Result<Elements> {
     if syntax == Some("1.2.840.10008.1.2.1.99") {
         return Err(bad(path, "it is a deflated DICOM file", "uncompressed files and RLE are read: gdcmconv --raw rewrites it"));
     }
-    let mut elements = Elements { fields, shared: Fields::new(), frames: Vec::new(), pixels: None, big_endian: walk.big };
+    let (shared, detector) = (Fields::new(), Fields::new());
+    let mut elements = Elements { fields, shared, frames: Vec::new(), detector, pixels: None, big_endian: walk.big };
     walk.data_set(&mut elements)?;
+    for (tag, text) in std::mem::take(&mut elements.detector) {
+        elements.fields.entry(tag).or_insert(text);
+    }
     Ok(elements)
 }
 
@@ -278,6 +218,9 @@ impl Walk<'_> {
                 Some(n) => Some(self.at + n),
                 None => None,
             };
+            if tag == MODALITY_LUT && levels.is_empty() {
+                out.fields.insert(tag, "a sequence".into());
+            }
             match tag {
                 ITEM => {
                     if matches!(levels.as_slice(), [Level { tag: PER_FRAME, .. }]) {
@@ -309,7 +252,9 @@ impl Walk<'_> {
                 // The fragments of a picture within (an icon) are no data sets.
                 PIXELS if length.is_none() => drop(self.fragments()?),
                 // Of known length, only what is wanted is entered; without VR it shows by its tag.
-                _ if length.is_none() || (sequence || implicit) && (matches!(tag, SHARED | PER_FRAME) || FRAME_PARTS.contains(&tag)) => {
+                _ if length.is_none()
+                    || (sequence || implicit) && (matches!(tag, SHARED | PER_FRAME | DETECTOR) || FRAME_PARTS.contains(&tag)) =>
+                {
                     if levels.len() >= MAX_DEPTH {
                         return Err(self.damaged(&format!("its sequences are nested more than {MAX_DEPTH} deep")));
                     }
@@ -330,6 +275,7 @@ impl Walk<'_> {
             [] => &mut out.fields,
             [Level { tag: SHARED, .. }, _, part, _] if FRAME_PARTS.contains(&part.tag) => &mut out.shared,
             [Level { tag: PER_FRAME, .. }, _, part, _] if FRAME_PARTS.contains(&part.tag) => out.frames.last_mut().unwrap_or(&mut ignored),
+            [Level { tag: DETECTOR, .. }, _] if matches!(tag, POSITION | ORIENTATION) => &mut out.detector,
             _ => &mut ignored,
         };
         self.take(tag, length, wanted.is_some(), wanted.is_some_and(|w| w.1), fields)

@@ -47,6 +47,12 @@ pub(super) fn read(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Re
     if form.photometric == "MONOCHROME1" {
         log::warn!("{}: in its pictures small values are bright (MONOCHROME1); values are read as they are stored", shown(path));
     }
+    if form.photometric == "PALETTE COLOR" {
+        log::warn!("{}: its samples are indices of a palette (PALETTE COLOR); values are these indices", shown(path));
+    }
+    if slices.iter().any(|s| s.table) {
+        log::warn!("{}: its Modality LUT is not applied; values are read as they are stored", shown(path));
+    }
     let dims = [form.columns, form.rows, slices.len()];
     let origin = slices[0].position.unwrap_or(DVec3::ZERO);
     let grid = grid(path, dims, DAffine3 { matrix3: axes, translation: origin - axes * DVec3::splat(0.5) })?;
@@ -148,15 +154,16 @@ fn arrange(path: &Path, slices: &mut [Slice]) -> Result<DMat3> {
         slices.sort_by(|a, b| (a.instance, &a.path).cmp(&(b.instance, &b.path)));
         slices.iter_mut().for_each(|s| s.position = None);
         if slices.len() > 1 {
-            log::warn!("{}: its slices have no positions; they are sorted by InstanceNumber, {known} apart", shown(path));
+            log::warn!("{}: its slices have no positions; they are sorted by InstanceNumber, {} apart", shown(path), known.abs());
+            return Ok(in_plane(normal * known));
         }
-        return Ok(in_plane(normal * known));
+        return Ok(in_plane(normal * known.abs()));
     }
     let place = |s: &Slice| s.position.unwrap_or_default().dot(normal);
     slices.sort_by(|a, b| place(a).total_cmp(&place(b)));
     let count = slices.len();
     if count == 1 {
-        return Ok(in_plane(normal * known));
+        return Ok(in_plane(normal * known.abs()));
     }
     let gaps: Vec<f64> = slices.windows(2).map(|w| place(&w[1]) - place(&w[0])).collect();
     let mut sorted = gaps.clone();

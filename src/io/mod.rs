@@ -5,6 +5,7 @@ mod dicom;
 mod dicom_element;
 mod dicom_pixels;
 mod dicom_series;
+mod dicom_tags;
 pub mod exr;
 pub mod exr_layers;
 pub mod field_keys;

@@ -174,6 +174,8 @@ pub struct Dicom {
     pub planar: u16,
     pub photometric: String,
     pub rescale: Option<[f64; 2]>,
+    /// SpacingBetweenSlices.
+    pub between: Option<f64>,
     /// Elements in ascending order between (0028,1053) and the pixels.
     pub more: Vec<u8>,
     pub frames: Option<usize>,
@@ -198,6 +200,7 @@ impl Dicom {
             planar: 0,
             photometric: "MONOCHROME2".into(),
             rescale: None,
+            between: None,
             more: Vec::new(),
             frames: None,
             pixels,
@@ -220,6 +223,9 @@ impl Dicom {
         let item = [&[0xfe, 0xff, 0, 0xe0][..], &(other.len() as u32).to_le_bytes(), &other].concat();
         out.extend(e(0x0008_1115, "SQ", &item));
         out.extend(e(0x0018_0050, "DS", b"2.5"));
+        if let Some(d) = self.between {
+            out.extend(e(0x0018_0088, "DS", d.to_string().as_bytes()));
+        }
         out.extend(e(0x0020_000e, "UI", self.series.as_bytes()));
         out.extend(e(0x0020_0013, "IS", self.instance.to_string().as_bytes()));
         if let Some(p) = self.position {
