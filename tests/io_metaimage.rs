@@ -42,6 +42,10 @@ fn every_type_order_and_packing_reads_back() {
             dir.file("b.raw", &[b"head", &data]);
             let beside = dir.file("b.mhd", &[&meta_header(name, &format!("{order}HeaderSize = 4\n"), "b.raw")]);
             assert!(holds(&read(&beside).unwrap(), kind));
+            // In the file itself it counts the header, too.
+            let inside = |skip: usize| meta_header(name, &format!("{order}HeaderSize = {skip:4}\n"), "LOCAL");
+            let skip = inside(0).len() + 4;
+            assert!(holds(&read(&dir.file("i.mha", &[&inside(skip), b"head", &data])).unwrap(), kind));
             let tail = dir.file("b.mhd", &[&meta_header(name, &format!("{order}HeaderSize = -1\n"), "b.raw")]);
             assert!(holds(&read(&tail).unwrap(), kind));
             for (i, packed) in [zlib(&data), gzip(&data)].iter().enumerate() {
@@ -100,6 +104,14 @@ fn channels_series_and_several_files() {
     assert!(holds(&read(&list).unwrap(), SampleType::I16));
     let pattern = dir.file("p.mhd", &[&meta_header("MET_SHORT", "", "s%02d.raw 1 3 1")]);
     assert!(holds(&read(&pattern).unwrap(), SampleType::I16));
+    for numbers in ["", " 1", " 1 3"] {
+        let pattern = dir.file("p.mhd", &[&meta_header("MET_SHORT", "", &format!("s%02d.raw{numbers}"))]);
+        assert!(holds(&read(&pattern).unwrap(), SampleType::I16), "'{numbers}'");
+    }
+    for numbers in [" 2", " 1 x", " 1 3 1 1"] {
+        let pattern = dir.file("p.mhd", &[&meta_header("MET_SHORT", "", &format!("s%02d.raw{numbers}"))]);
+        assert!(read(&pattern).is_err(), "'{numbers}'");
+    }
     dir.file("s02.raw", &[b"short"]);
     says(read(&list), &["s02.raw: it holds 5 bytes", "each of its 3 files must hold 40"]);
     let two = dir.file("l.mhd", &[&meta_header("MET_SHORT", "", "LIST"), b"s01.raw\ns03.raw\n"]);
@@ -115,6 +127,10 @@ fn bad_headers_say_what_would_be_right() {
     says(open("NDims = 3\nDimSize = 5 4 x\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"), &["line 2: 'DimSize = 5 4 x'; 3 numbers"]);
     says(open("NDims = 7\nElementDataFile = LOCAL\n"), &["line 1: 'NDims = 7'; 2 to 4"]);
     says(open("NDims = 3\nDimSize = 5 4 3\nDimSize = 5 4 3\n"), &["line 3 gives 'DimSize' a second time"]);
+    // MetaIO takes both signs, and keys that it does not know as often as they stand there.
+    let odd = "ObjectType: Image\nNDims : 3\nDimSize: 5 4 3\nFrom = a: b\nFrom = c\nElementType = MET_UCHAR\nElementDataFile: LOCAL\n";
+    assert!(holds(&open(odd).unwrap(), SampleType::U8));
+    assert!(holds(&read(&dir.file("a.dat", &[odd.as_bytes(), &data])).unwrap(), SampleType::U8));
     says(open("ObjectType = Tube\nNDims = 3\nElementDataFile = LOCAL\n"), &["of type 'Tube'", "ObjectType = Image"]);
     says(
         open("NDims = 3\nDimSize = 5 4 3\nElementType = MET_STRING\nElementDataFile = LOCAL\n"),
@@ -133,6 +149,10 @@ fn bad_headers_say_what_would_be_right() {
     dir.file("z.raw", &[&zlib(&data)[..20]]);
     says(with("CompressedData = True\n", "z.raw"), &["zlib data break off"]);
     says(with("CompressedData = True\nCompressedDataSize = 999\n", "z.raw"), &["CompressedDataSize = 999", "holds 20 bytes"]);
+    says(
+        read(&dir.file("i.mha", &[&meta_header("MET_UCHAR", "HeaderSize = 4\n", "LOCAL"), b"head", &data])),
+        &["HeaderSize = 4", "from the file's first byte, and the header ends at byte 108"],
+    );
     // A bomb: sixty-four MiB from a few bytes are refused by the claim, not by the memory they would take.
     let bomb = meta_header("MET_UCHAR", "CompressedData = True\n", "z.raw");
     let bomb = String::from_utf8(bomb).unwrap().replace("5 4 3", "1000 1000 64");

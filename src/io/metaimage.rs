@@ -7,7 +7,7 @@
 use super::ReadOptions;
 use super::choose;
 use super::limits::{Source, bad, fill, grid, io, open, quote};
-use super::metaimage_header::Header;
+use super::metaimage_header::{Header, split};
 use super::nifti::{as_stored, rescaled};
 use super::nrrd::beside;
 use super::parts::parts;
@@ -26,8 +26,8 @@ const FIRST: [&str; 6] = ["ObjectType", "Comment", "NDims", "ObjectSubType", "Na
 pub(super) fn is_header(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     let mut lines = text.lines();
-    let first = lines.next().and_then(|l| l.split_once('=')).map(|(k, _)| k.trim());
-    first.is_some_and(|k| FIRST.contains(&k)) && text.lines().any(|l| l.split_once('=').is_some_and(|(k, _)| k.trim() == "NDims"))
+    let first = lines.next().and_then(split).map(|(k, _)| k);
+    first.is_some_and(|k| FIRST.contains(&k)) && text.lines().any(|l| split(l).is_some_and(|(k, _)| k == "NDims"))
 }
 
 /// Reads the volume in an opened MetaImage file of `length` bytes.
@@ -161,7 +161,7 @@ fn samples_of(
         if compressed || layout.text || skip != 0 || layout.more {
             return Err(header.wrong(&["ElementDataFile"], "of several files, uncompressed binary ones without header are read"));
         }
-        let names = if name.contains('%') { pattern(header, &name)? } else { list(header, &mut file)? };
+        let names = if name.contains('%') { pattern(header, &name, layout.dims[2])? } else { list(header, &mut file)? };
         return Ok((path.to_owned(), slabs(header, &names, layout, options)?));
     }
     let (data, mut file, length, at) = match name.as_str() {
@@ -183,7 +183,10 @@ fn samples_of(
             })?
         }
         -1 => return Err(header.wrong(&["HeaderSize"], "-1 is possible with uncompressed binary data only")),
-        _ => at.saturating_add(skip as u64),
+        0 => at,
+        // Counted from the first byte of the file, also where the header is in it.
+        n if n as u64 >= at => n as u64,
+        _ => return Err(header.wrong(&["HeaderSize"], format!("it counts from the file's first byte, and the header ends at byte {at}"))),
     };
     if !compressed {
         return Ok((data.clone(), Source::new(&data, file, length, start, false)?));
@@ -219,13 +222,16 @@ fn list(header: &mut Header, file: &mut BufReader<File>) -> Result<Vec<String>> 
     Ok(names)
 }
 
-/// The file names of "slice%03d.raw 1 40 1": pattern, first, last, step.
-fn pattern(header: &Header, text: &str) -> Result<Vec<String>> {
+/// The file names of "slice%03d.raw 1 40 1": pattern, first, last, step. Without a last there is one per slice, from 1 without a
+/// first, as MetaIO has it.
+fn pattern(header: &Header, text: &str, slices: usize) -> Result<Vec<String>> {
     let right = "a pattern is such as 'slice%03d.raw 1 40 1': first, last and step";
     let wrong = || header.wrong(&["ElementDataFile"], right);
     let mut words: Vec<&str> = text.split_whitespace().collect();
-    let numbers: Vec<i64> = words.split_off(1).iter().map_while(|w| w.parse().ok()).collect();
-    let (first, last, step) = match numbers[..] {
+    let numbers: Option<Vec<i64>> = words.split_off(1).iter().map(|w| w.parse().ok()).collect();
+    let (first, last, step) = match numbers.ok_or_else(wrong)?[..] {
+        [] => (1, slices as i64, 1),
+        [first] => (first, first.saturating_add(slices as i64 - 1), 1),
         [first, last] => (first, last, 1),
         [first, last, step] => (first, last, step),
         _ => return Err(wrong()),

@@ -8,6 +8,36 @@ use std::path::Path;
 /// Longest header that is read, bytes; a list of files belongs to it.
 const HEADER_BYTES: u64 = 4 << 20;
 
+/// The keys that are read; others may stand as often as they like.
+const READ: [&str; 21] = [
+    "ObjectType",
+    "NDims",
+    "DimSize",
+    "ElementSpacing",
+    "ElementSize",
+    "Offset",
+    "Origin",
+    "Position",
+    "TransformMatrix",
+    "Orientation",
+    "Rotation",
+    "ElementType",
+    "ElementNumberOfChannels",
+    "ElementToIntensityFunctionSlope",
+    "ElementToIntensityFunctionOffset",
+    "BinaryData",
+    "BinaryDataByteOrderMSB",
+    "ElementByteOrderMSB",
+    "CompressedData",
+    "CompressedDataSize",
+    "HeaderSize",
+];
+
+/// Key and value of a line; MetaIO takes both signs.
+pub(super) fn split(line: &str) -> Option<(&str, &str)> {
+    line.split_once(['=', ':']).map(|(key, value)| (key.trim(), value.trim()))
+}
+
 /// The header's lines, up to and with `ElementDataFile`.
 pub(super) struct Header<'a> {
     pub path: &'a Path,
@@ -33,12 +63,12 @@ impl<'a> Header<'a> {
             if text.trim().is_empty() {
                 continue;
             }
-            let Some((key, value)) = text.split_once('=') else {
+            let Some((key, value)) = split(&text) else {
                 return Err(bad(path, format!("line {number} is '{}'", quote(&text)), "header lines are 'Key = Value'"));
             };
-            let (key, value) = (key.trim().to_owned(), value.trim().to_owned());
+            let (key, value) = (key.to_owned(), value.to_owned());
             let last = key == "ElementDataFile";
-            if header.get(&[&key]).is_some() {
+            if READ.contains(&&*key) && header.get(&[&key]).is_some() {
                 return Err(bad(path, format!("line {number} gives '{}' a second time", quote(&key)), "each key may stand once"));
             }
             header.entries.push((key, value, number));
