@@ -65,6 +65,18 @@ fn every_type_endian_and_packing_reads_back() {
             assert!(holds(&read_volume(&hdr, &ReadOptions::default()).unwrap(), kind));
             std::fs::remove_file(dir.path("p.img.gz")).unwrap();
             says(read_volume(&hdr, &ReadOptions::default()), &["its .img is not beside it"]);
+            std::fs::remove_file(&hdr).unwrap();
+            let hdr = dir.file("p.hdr.gz", &[&gzip(&pair.bytes)]);
+            says(read_volume(&hdr, &ReadOptions::default()), &["p.hdr.gz", "its .img is not beside it", "name.img.gz"]);
+            for (name, content) in [("p.img", data.clone()), ("p.img.gz", gzip(&data))] {
+                let img = dir.file(name, &[&content]);
+                for half in [&hdr, &img] {
+                    assert!(holds(&read_volume(half, &ReadOptions::default()).unwrap(), kind), "{}", half.display());
+                }
+                std::fs::remove_file(img).unwrap();
+            }
+            says(read_volume(&dir.file("q.img.gz", &[&gzip(&data)]), &ReadOptions::default()), &["no volume file known here"]);
+            std::fs::remove_file(hdr).unwrap();
         }
     }
     // The comparison can fail.
@@ -227,6 +239,12 @@ fn volumes_of_a_series_and_colours_are_chosen() {
         assert!(holds(&pick(&path, "1").unwrap(), SampleType::I16) && !holds(&pick(&path, "0").unwrap(), SampleType::I16));
     }
     let colours: Vec<u8> = bytes(SampleType::U8, false).iter().flat_map(|&v| [9, v, 7]).collect();
-    let path = dir.file("c.nii", &[&nifti_header(DIM, 128, 24, false), &colours]);
-    assert!(holds(&pick(&path, "G").unwrap(), SampleType::U8) && pick(&path, "0").unwrap().range() == [9.0, 9.0]);
+    let mut head = Nifti { bytes: nifti_header(DIM, 128, 24, false), big_endian: false };
+    // Of these colours slope and intercept are to be ignored.
+    for (slope, intercept) in [(0.0, 0.0), (2.0, 1.0), (0.5, f32::NAN)] {
+        head.f32(112, slope);
+        head.f32(116, intercept);
+        let path = dir.file("c.nii", &[&head.bytes, &colours]);
+        assert!(holds(&pick(&path, "G").unwrap(), SampleType::U8) && pick(&path, "0").unwrap().range() == [9.0, 9.0], "{slope}");
+    }
 }

@@ -16,6 +16,9 @@ use std::path::{Path, PathBuf};
 
 const HEADER: usize = 348;
 
+/// A datatype: three bytes.
+const RGB24: i16 = 128;
+
 /// Whether these bytes begin a NIfTI-1 file, or one of its relatives that are refused by name.
 pub(super) fn is_header(head: &[u8; HEADER]) -> bool {
     let h = Bytes { raw: head, big_endian: head[0] == 0 };
@@ -67,7 +70,8 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, gzip: bool, 
     let (kind, colors) = kind(path, &h)?;
     let (dims, pick) = dims(path, &h, colors, options)?;
     let grid = place(path, &h, dims)?;
-    let (slope, intercept) = rescale(path, &h)?;
+    // "the scaling is to be ignored if datatype is DT_RGB24", nifti1.h.
+    let (slope, intercept) = if h.i16(70) == RGB24 { (1.0, 0.0) } else { rescale(path, &h)? };
     let stored = as_stored(path, options.nan_as, slope, intercept)?;
     let mut layout = Layout { big_endian: h.big_endian, replace: stored, ..Layout::scalar(dims, kind) };
     let mut before = 0;
@@ -191,7 +195,7 @@ fn kind(path: &Path, h: &Bytes) -> Result<(SampleType, usize)> {
         1280 => SampleType::U64,
         1 => return refused("single bits"),
         32 | 1792 | 2048 => return refused("complex numbers"),
-        128 => return Ok((SampleType::U8, 3)),
+        RGB24 => return Ok((SampleType::U8, 3)),
         2304 => return Ok((SampleType::U8, 4)),
         1536 => return refused("128-bit floats"),
         _ => return refused("of an unknown type"),
@@ -228,10 +232,23 @@ fn offset(path: &Path, h: &Bytes, single: bool) -> Result<u64> {
     Err(bad(path, format!("vox_offset is {offset}"), "it is the byte of the first sample, a whole number of 352 or more (0 in a pair)"))
 }
 
-/// The samples' half of a pair: `name.img` or `name.img.gz` beside `name.hdr`.
+/// A name without its `.gz`.
+fn without_gz(path: &Path) -> PathBuf {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) { path.with_extension("") } else { path.to_owned() }
+}
+
+/// The header of the pair that `path`, an `.img` or `.img.gz`, is the samples' half of.
+pub(super) fn header_beside(path: &Path) -> Option<PathBuf> {
+    let name = without_gz(path);
+    name.extension().filter(|e| e.eq_ignore_ascii_case("img"))?;
+    ["hdr", "hdr.gz"].into_iter().map(|e| name.with_extension(e)).find(|p| p.is_file())
+}
+
+/// The samples' half of a pair: `name.img` or `name.img.gz` beside `name.hdr` or `name.hdr.gz`.
 fn image(path: &Path) -> Result<(PathBuf, Source)> {
+    let name = without_gz(path);
     for extension in ["img", "img.gz", "IMG"] {
-        let data = path.with_extension(extension);
+        let data = name.with_extension(extension);
         if data.is_file() {
             let (mut file, length) = open(&data)?;
             let mut head = [0; 2];
@@ -240,7 +257,7 @@ fn image(path: &Path) -> Result<(PathBuf, Source)> {
             return Ok((data, source));
         }
     }
-    Err(bad(path, "it is the header of a pair, and its .img is not beside it", "name.hdr needs name.img in the same folder"))
+    Err(bad(path, "it is the header of a pair, and its .img is not beside it", "name.hdr needs name.img or name.img.gz in the same folder"))
 }
 
 fn place(path: &Path, h: &Bytes, dims: [usize; 3]) -> Result<Grid> {

@@ -83,7 +83,7 @@ impl ReadOptions<'_> {
 /// | format | files |
 /// |---|---|
 /// | NRRD | `.nrrd`, `.nhdr` |
-/// | NIfTI-1 | `.nii`, `.nii.gz`, `.hdr` with `.img` |
+/// | NIfTI-1 | `.nii`, `.nii.gz`, `.hdr` with `.img`, each gzipped or not |
 /// | MetaImage | `.mha`, `.mhd` with its samples beside it |
 /// | VTK | ImageData `.vti`, legacy `.vtk` with STRUCTURED_POINTS |
 /// | DICOM | the folder of a series, or one file |
@@ -163,11 +163,10 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume> {
         return nifti::read(path, file, length, gzip, options);
     }
     // The data half of a pair has no mark of its own.
-    let extension = extension(path);
-    if extension == "img" && path.with_extension("hdr").is_file() {
-        return read_volume(&path.with_extension("hdr"), options);
+    if let Some(header) = nifti::header_beside(path) {
+        return read_volume(&header, options);
     }
-    Err(unknown(path, &start[..n.min(16)], &extension))
+    Err(unknown(path, &start[..n.min(16)], &extension(path)))
 }
 
 /// What a path names.
