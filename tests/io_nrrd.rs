@@ -212,6 +212,8 @@ fn a_data_file_stays_in_its_folder() {
     says(open("none.raw", true), &["none.raw", "cannot open", "no such file"]);
     says(open(".", false), &["it is a folder"]);
     says(open("LIST", false), &["several files"]);
+    says(open("LIST\ns00.raw\ns01.raw", false), &["several files are not read; `unu save` joins them"]);
+    says(open("LIST 2\nslabs/s00.raw", false), &["'data file: LIST 2'", "several files"]);
     says(open("s%03d.raw 1 3 1", false), &["several files"]);
 }
 

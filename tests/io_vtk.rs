@@ -5,6 +5,7 @@ use glam::DVec3;
 use halflight::Result;
 use halflight::io::{ReadOptions, SampleType, describe, read_volume};
 use halflight::scene::Volume;
+use io_common::logs::warnings;
 use io_common::{Array, DIMS, Folder, Vti, bytes, says, values, vti, vti_packed};
 use std::path::Path;
 
@@ -110,6 +111,14 @@ fn bad_vti_says_what_would_be_right() {
         change("<Piece Extent=\"0 4 0 3 0 2\"", "<Piece Extent=\"0 9 0 3 0 2\""),
         &["10x4x3 uint16 samples need 240 bytes", "says that there are 120"],
     );
+    let pieces = [text.find("<Piece").unwrap()..text.find("<PointData").unwrap(), 0..text.find("<PointData").unwrap()];
+    let [piece, before] = pieces.map(|range| &text[range]);
+    let part = piece.replace("0 4 0 3 0 2", "0 4 0 3 0 1");
+    let two = [before, "</Piece>\n", &part, &text[before.len()..]].concat();
+    // Nothing is said of a part where nothing is read.
+    let (result, said) = warnings(|| read(&dir.file("a.vti", &[two.replace(piece, &part).as_bytes()])));
+    says(result, &["it has several pieces", "where NumberOfPieces is 1"]);
+    assert!(said.is_empty(), "{said:?}");
     says(change("offset=\"0\"", "offset=\"9999\""), &["begins at byte", "cut short"]);
     says(read(&dir.file("a.vti", &[&good[..text.find("<AppendedData").unwrap()]])), &["no appended data", "cut short"]);
     says(change("Spacing=\"0.5 2 3\"", "Spacing=\"0.5 2\""), &["Spacing=\"0.5 2\"", "3 numbers"]);
@@ -205,6 +214,14 @@ fn legacy_arrays_are_chosen() {
     assert!(holds(&pick(&path, "s").unwrap(), SampleType::I16));
     assert!(holds(&pick(&path, "v:1").unwrap(), SampleType::F32));
     assert!(holds(&pick(&path, "F").unwrap(), SampleType::U8));
+    // As vtkStructuredPointsWriter has it where it writes extents: points 2 to 6, -1 to 2, 4 to 6.
+    let text = String::from_utf8(legacy("BINARY", "POINT_DATA 60\nSCALARS s unsigned_long_long\nLOOKUP_TABLE default\n")).unwrap();
+    let extent = text.replace("DIMENSIONS 5 4 3", "EXTENT 2 6 -1 2 4 6");
+    let volume = read(&dir.file("e.vtk", &[extent.as_bytes(), &bytes(SampleType::U64, true)])).unwrap();
+    assert!(holds(&volume, SampleType::U64));
+    assert_eq!((describe(&volume).spacing, describe(&volume).first_centre), ([0.5, 2.0, 3.0], [11.0, 18.0, 42.0]));
+    let signed = text.replace("unsigned_long_long", "long_long");
+    assert!(holds(&read(&dir.file("l.vtk", &[signed.as_bytes(), &bytes(SampleType::I64, true)])).unwrap(), SampleType::I64));
     let cells = String::from_utf8(legacy("BINARY", "CELL_DATA 60\nSCALARS s short\nLOOKUP_TABLE default\n")).unwrap();
     let path = dir.file("c.vtk", &[cells.replace("5 4 3", "6 5 4").as_bytes(), &a]);
     let volume = read(&path).unwrap();
@@ -221,6 +238,9 @@ fn bad_legacy_files_say_what_would_be_right() {
     says(open(text.replace("BINARY", "EBCDIC").as_bytes()), &["line 3 is 'EBCDIC'"]);
     says(open(text.replace("POINT_DATA 60", "POINT_DATA 61").as_bytes()), &["POINT_DATA has 61 tuples for 5x4x3 points", "60 are needed"]);
     says(open(text.replace("DIMENSIONS 5", "DIMENSIONS 0").as_bytes()), &["DIMENSIONS have 0"]);
+    for extent in ["3 2 0 3 0 2", "-9223372036854775808 9223372036854775807 0 3 0 2", "0 1048576 0 3 0 2"] {
+        says(open(text.replace("DIMENSIONS 5 4 3", &format!("EXTENT {extent}")).as_bytes()), &["its EXTENT runs from", "1 to 1048576"]);
+    }
     says(open(text.as_bytes()), &["a.vtk", "need 120 bytes, the file holds 0"]);
     says(open(text.replace("LOOKUP_TABLE", "LOKUP_TABLE").as_bytes()), &["'LOKUP_TABLE' stands behind SCALARS s"]);
     says(open(text.replace("SCALARS", "SCALAR").as_bytes()), &["'SCALAR' stands at byte"]);

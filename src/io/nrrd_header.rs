@@ -126,6 +126,10 @@ fn split<'a>(path: &'a Path, file: &mut impl BufRead) -> Result<Lines<'a>> {
             break;
         } else if !text.starts_with('#') {
             lines.take(number, &text)?;
+            if lines.text("data file").is_some_and(|t| t.split_whitespace().next() == Some("LIST")) {
+                // Names of files follow, to the end.
+                break;
+            }
         }
     }
     Ok(lines)

@@ -50,6 +50,9 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, options: &Re
     let mut tags = Tags::new(path, file);
     let image = header(path, &mut tags)?;
     let extent = image.piece.or(image.whole).ok_or_else(|| bad(path, "it has no piece of ImageData", "<Piece Extent=\"…\"> is needed"))?;
+    if image.whole.is_some_and(|whole| whole != extent) {
+        log::warn!("{}: its piece is a part of the whole extent; the volume is that part", crate::error::shown(path));
+    }
     let points = points(path, extent)?;
     let axes = image.direction.unwrap_or(DMat3::IDENTITY) * DMat3::from_diagonal(image.spacing.unwrap_or(DVec3::ONE));
     let low = DVec3::new(extent[0] as f64, extent[2] as f64, extent[4] as f64);
@@ -91,13 +94,13 @@ fn header(path: &Path, tags: &mut Tags<BufReader<File>>) -> Result<Image> {
             }
             ("Piece", Form::Open) => {
                 if image.piece.is_some() {
-                    return Err(bad(path, "it has several pieces", "one piece is read: ParaView and vtkXMLImageDataWriter write that"));
+                    return Err(bad(
+                        path,
+                        "it has several pieces",
+                        "one piece is read: vtkXMLImageDataWriter writes one where NumberOfPieces is 1",
+                    ));
                 }
-                let piece = extent(path, &tag, "Extent")?.or(image.whole);
-                if image.whole.is_some() && piece != image.whole {
-                    log::warn!("{}: its piece is a part of the whole extent; the volume is that part", crate::error::shown(path));
-                }
-                image.piece = piece;
+                image.piece = extent(path, &tag, "Extent")?.or(image.whole);
             }
             ("PointData" | "CellData", Form::Open) => {
                 cells = Some(tag.name == "CellData");

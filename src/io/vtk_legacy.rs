@@ -30,6 +30,8 @@ struct Place {
 struct Image {
     dims: Option<[usize; 3]>,
     origin: [f64; 3],
+    /// The first point, which ORIGIN counts from 0.
+    first: [i64; 3],
     spacing: Option<[f64; 3]>,
     /// Whether arrays that come are of cells; none before POINT_DATA or CELL_DATA.
     cells: Option<bool>,
@@ -57,7 +59,8 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, options: &Re
     let (chosen, pick) = choose_array(path, &arrays, None, options)?;
     let Place { array, at } = &image.arrays[chosen];
     let axes = DMat3::from_diagonal(DVec3::from(image.spacing.unwrap_or([1.0; 3])));
-    let grid = image_grid(path, points, axes, DVec3::from(image.origin), array.cells)?;
+    let low = DVec3::from(image.origin) + axes * DVec3::from(image.first.map(|n| n as f64));
+    let grid = image_grid(path, points, axes, low, array.cells)?;
     let layout = Layout {
         components: array.components,
         pick: Some(pick),
@@ -89,6 +92,21 @@ fn keyword(text: &mut Text, word: &str, ended: bool, binary: bool, image: &mut I
                 if !(1..=1usize << 20).contains(n) {
                     return Err(bad(path, format!("its DIMENSIONS have {n}"), "1 to 1048576 are read"));
                 }
+            }
+            (image.dims, image.first) = (Some(dims), [0; 3]);
+        }
+        // As vtkStructuredPointsWriter's WriteExtent puts it, in place of DIMENSIONS.
+        "EXTENT" => {
+            let mut dims = [0; 3];
+            for (n, first) in dims.iter_mut().zip(&mut image.first) {
+                *first = text.number("a number of EXTENT")?;
+                let last: i64 = text.number("a number of EXTENT")?;
+                *n = last.checked_sub(*first).and_then(|d| usize::try_from(d).ok()).filter(|d| *d < 1 << 20).map(|d| d + 1).ok_or_else(
+                    || {
+                        let right = "1 to 1048576 points, the last not before the first";
+                        bad(path, format!("its EXTENT runs from {first} to {last} along an axis"), right)
+                    },
+                )?;
             }
             image.dims = Some(dims);
         }
@@ -243,8 +261,8 @@ fn sample_type(name: &str) -> Option<SampleType> {
         // Ids are written as 32 bits.
         "int" | "vtkidtype" => SampleType::I32,
         "unsigned_int" => SampleType::U32,
-        "long" | "vtktypeint64" => SampleType::I64,
-        "unsigned_long" | "vtktypeuint64" => SampleType::U64,
+        "long" | "long_long" | "vtktypeint64" => SampleType::I64,
+        "unsigned_long" | "unsigned_long_long" | "vtktypeuint64" => SampleType::U64,
         "float" => SampleType::F32,
         "double" => SampleType::F64,
         _ => return None,
