@@ -125,6 +125,20 @@ fn inviwo_points() {
     assert_eq!(open("a.itf", &later, &data).unwrap(), t);
     let absolute = text.replace("x=\"0.75\"", "x=\"1500\"");
     is(&open("a.itf", &absolute, &data).unwrap(), &[(1500.0, 0.6, [0.0, 0.0, 1.0])]);
+    // The file's own word comes before what the points look like.
+    let typed = |kind: u8, text: &str| text.replace("<dataPoints>", &format!("<type content=\"{kind}\" /><dataPoints>"));
+    assert_eq!(open("a.itf", &typed(0, text), &data).unwrap(), t);
+    let scalars = typed(1, text);
+    let small = TransferOptions::new([-1.0, 2.0]);
+    // The data's scalars 0.25 and 0.75; the mask is of relative positions.
+    is(
+        &open("a.itf", &scalars, &small).unwrap(),
+        &[(0.25, 0.2, [1.0, 0.0, 0.0]), (0.5, 0.4, [0.5, 0.0, 0.5]), (0.76, 0.6, [0.0, 0.0, 1.0])],
+    );
+    let preset = &presets("a.itf", &scalars)[0];
+    assert!(!preset.is_relative() && preset.lost().any(|l| l.contains("the mask")), "{:?}", preset.lost().collect::<Vec<_>>());
+    let unmasked = scalars.replace("<maskMax content=\"0.75\" />", "<maskMax content=\"1\" />");
+    assert_eq!(presets("a.itf", &unmasked)[0].lost().count(), 0);
     assert!(presets("a.itf", &text.replace("_ content=\"0\"", "_ content=\"1\""))[0].lost().any(|l| l.contains("cubic")));
 }
 

@@ -1,5 +1,5 @@
-//! Inviwo's transfer functions (`.itf`): points of position 0..1 over the data's range (or of the data's own scalars, where
-//! they lie outside), colour and opacity; transparent outside a mask. Written as version 1.0.
+//! Inviwo's transfer functions (`.itf`): points of position 0..1 over the data's range or, by `type` (without one: where they
+//! lie outside), of the data's own scalars, colour and opacity; transparent outside a mask. Written as version 1.0.
 
 use super::super::limits::bad;
 use super::Preset;
@@ -31,15 +31,22 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
         return Err(bad(path, format!("line {}: it has no points", list.line), "at least one is needed"));
     }
     points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let relative = points.iter().all(|p| (0.0..=1.0).contains(&p[0]));
+    // 0 or 1 (TFPrimitiveSetType); of older files the points tell.
+    let relative = match function.number_of(path, "type", "content")? {
+        Some(kind) => kind == 0.0,
+        None => points.iter().all(|p| (0.0..=1.0).contains(&p[0])),
+    };
+    let mask = |name: &str, otherwise: f64| Ok(function.number_of(path, name, "content")?.unwrap_or(otherwise));
+    let (low, high): (f64, f64) = (mask("maskMin", 0.0)?, mask("maskMax", 1.0)?);
     if relative {
-        let mask = |name: &str, otherwise: f64| Ok(function.number_of(path, name, "content")?.unwrap_or(otherwise));
-        clip(&mut points, mask("maskMin", 0.0)?, mask("maskMax", 1.0)?);
+        clip(&mut points, low, high);
     }
     let mut preset = Preset::of_points(stem, &points);
     preset.parts = Some(PARTS);
     if relative {
         (preset.domain, preset.relative) = ([0.0, 1.0], true);
+    } else if (low, high) != (0.0, 1.0) {
+        preset.lost.push("the mask, which is of functions over 0 to 1".into());
     }
     // Version 1.0 knows a second interpolation, which no Inviwo ever carried out.
     if function.number_of(path, "interpolationType_", "content")?.is_some_and(|t| t != 0.0) {
