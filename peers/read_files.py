@@ -15,11 +15,11 @@ def info(path, *more):
     run = subprocess.run([halflight, 'info', path, '--json', *more], capture_output=True, text=True)
     return (json.loads(run.stdout)['volume'] if run.returncode == 0 else None), run
 
-def check(program, path, array, place=None, more=()):
-    """`array` is z, y, x; `place` is spacing, directions as columns, first centre."""
+def check(program, path, array, place=None, more=(), sentence=''):
+    """`array` is z, y, x; `place` is spacing, directions as columns, first centre; `sentence` is part of a refusal, None where none may be."""
     said, run = info(path, *more)
     if said is None:
-        refused = run.returncode == 3 and run.stderr.count('\n') == 1
+        refused = run.returncode == 3 and run.stderr.count('\n') == 1 and sentence is not None and sentence in run.stderr
         counts[program]['refused' if refused else 'failed'] += 1
         print(f"{program}: {os.path.basename(path)}: {run.stderr.strip()[-160:]}")
         return refused or wrong.append(path)
@@ -88,6 +88,59 @@ def tiff():
             a, path = array(kind, (5, 33, 47)), f'{folder}/{kind}_{i}.tif'
             tifffile.imwrite(path, a, photometric='minisblack', **form)
             check('tifffile', path, a)
+        # The decoder fails on some valid tiles in LZW; then the sentence must say so.
+        tifffile.imwrite(path, a, photometric='minisblack', compression='lzw', tile=(16, 16))
+        check('tifffile, tiles in LZW', path, a, sentence='some valid tiles in LZW')
+        # Values are read as they are stored; of others than unsigned integers the decoder's turn is not exact.
+        tifffile.imwrite(path, a, photometric='miniswhite')
+        check('tifffile, white first', path, a, sentence=None if kind[0] == 'u' else 'PhotometricInterpretation 0')
+    for name, axes, kept in [('imagej', 'ZCYX', 'C'), ('imagej', 'TZYX', 'T'), ('imagej', 'TZCYX', 'TC'), ('ome', 'CZYX', 'C'), ('ome', 'TZYX', 'T'),
+                             ('ome', 'TCZYX', 'TC'), ('ome', 'ZCYX', 'C')]:
+        shape = [{'Z': 4, 'C': 2, 'T': 3, 'Y': 5, 'X': 7}[axis] for axis in axes]
+        a, path = array('uint16', shape), f'{folder}/{axes}.{name}.tif'
+        tifffile.imwrite(path, a, photometric='minisblack', metadata={'axes': axes}, imagej=name == 'imagej', ome=name == 'ome')
+        # Times slowest, then channels, slices as the volume.
+        sets = a.transpose([axes.index(axis) for axis in kept + 'ZYX']).reshape(-1, 4, 5, 7)
+        for i, volume in enumerate(sets):
+            check('tifffile, hyperstacks', path, volume, more=('--volume.component', str(i)))
+    # One directory for all slices: the sentence says how they are read.
+    a, path = array('uint16', (6, 5, 7)), f'{folder}/single.tif'
+    tifffile.imwrite(path, a, imagej=True, metadata={'axes': 'ZYX'}, truncate=True)
+    way = info(path)[1].stderr.split('headerless they are read: ')[1].split()
+    check('tifffile, one directory', path, a, more=way)
+
+def stacking():
+    """Nuclear medicine, which says the place of its frames by a signed distance and, of a detector, in a sequence."""
+    import pydicom, SimpleITK as sitk
+    from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+    for within in [False, True]:
+        for between, axes in [(4, [1, 0, 0, 0, 1, 0]), (-4, [1, 0, 0, 0, 1, 0]), (-4, [1, 0, 0, 0, 0, -1])]:
+            a, path, meta = array('int16', (4, 3, 5)), f'{folder}/{within}{between}{axes[4]}.dcm', FileMetaDataset()
+            # Frames of one value each show their order.
+            a[:] = np.arange(4)[:, None, None]
+            # ITK takes the place of nuclear medicine from the detector alone.
+            meta.MediaStorageSOPClassUID = pydicom.uid.NuclearMedicineImageStorage if within else pydicom.uid.CTImageStorage
+            meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+            meta.MediaStorageSOPInstanceUID = pydicom.uid.generate_uid()
+            file, place = FileDataset(path, {}, file_meta=meta, preamble=b'\0' * 128), Dataset()
+            file.SOPClassUID, file.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+            file.Modality, file.ImageType, file.SeriesInstanceUID = 'NM' if within else 'CT', ['ORIGINAL', 'PRIMARY', 'RECON TOMO', 'EMISSION'], '1.2.3'
+            file.NumberOfFrames, file.Rows, file.Columns = a.shape
+            file.SamplesPerPixel, file.PhotometricInterpretation, file.PixelRepresentation = 1, 'MONOCHROME2', 1
+            file.BitsAllocated, file.BitsStored, file.HighBit, file.PixelData = 16, 16, 15, a.tobytes()
+            file.PixelSpacing, file.SpacingBetweenSlices, file.SliceThickness = [2, 3], between, 4
+            target = place if within else file
+            target.ImagePositionPatient, target.ImageOrientationPatient = [5, 6, 7], axes
+            if within:
+                file.DetectorInformationSequence = [place]
+            file.save_as(path, enforce_file_format=True)
+            image = sitk.ReadImage(path)
+            directions = np.array(image.GetDirection()).reshape(3, 3)
+            first = np.array(image.GetOrigin())
+            # Here slices ascend along their normal: the same places from the other end.
+            if np.dot(np.cross(directions[:, 0], directions[:, 1]), directions[:, 2]) < 0:
+                first, directions = first + 4 * 3 * directions[:, 2], directions * [1, 1, -1]
+            check('pydicom, stacking against ITK', path, a, ([3, 2, 4], directions, first), sentence=None)
 
 def dicom():
     import pydicom, glob
@@ -109,7 +162,7 @@ def dicom_pixels(path, more):
     pixels = pixels * float(file.get('RescaleSlope', file.get('DoseGridScaling', 1))) + float(file.get('RescaleIntercept', 0))
     check('pydicom', path, pixels.reshape((-1,) + pixels.shape[-2:]), more=more)
 
-for part in [itk, vtk_xml, tiff, dicom]:
+for part in [itk, vtk_xml, tiff, stacking, dicom]:
     part()
 for program, count in counts.items():
     print(f"{program}: {sum(count.values())} files: " + ', '.join(f'{n} {what}' for what, n in count.items()))
