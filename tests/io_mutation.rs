@@ -3,11 +3,9 @@
 
 mod io_common;
 use halflight::io::{
-    ReadOptions, SampleType, TransferOptions, describe_file, is_nrrd_field, read_nrrd_field, read_probe, read_transfer, read_volume,
-    whole_picture,
+    ReadOptions, TransferOptions, describe_file, is_nrrd_field, read_nrrd_field, read_probe, read_transfer, read_volume, whole_picture,
 };
-use io_common::tiff_bytes::{Directory, Value, lzw, page, set, tiff};
-use io_common::{Dicom, Folder, bytes, element, gzip, seeds, target};
+use io_common::{Folder, gzip, seeds, target};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -144,27 +142,6 @@ fn mutate(random: &mut Random, seed: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Files that say more than their samples: pages of an OME-TIFF, white-first tiles in LZW, frames placed by a detector.
-fn described() -> Vec<(&'static str, Vec<u8>)> {
-    let data: Vec<u8> = (0..12).collect();
-    let mut pages: Vec<Directory> = (0..6).map(|i| page([2, 1], 8, 1, 1, 8 + 2 * i)).collect();
-    let text = "<OME><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"6\" SizeC=\"1\" SizeT=\"1\"><TiffData IFD=\"0\"/></Pixels></OME>";
-    set(&mut pages[0], 270, Value::Text(text.into()));
-    let mut tile = page([16, 16], 8, 1, 0, 8);
-    let coded = lzw(&(0..=255).collect::<Vec<u8>>());
-    tile.retain(|(tag, _)| ![273, 278, 279].contains(tag));
-    let place = [(322, 16), (323, 16), (324, 8), (325, coded.len() as u32)];
-    place.into_iter().for_each(|(tag, n)| set(&mut tile, tag, Value::Long(vec![n])));
-    set(&mut tile, 259, Value::Short(5));
-    set(&mut tile, 270, Value::Text("ImageJ=1.54f\nimages=1\nslices=1\n".into()));
-    let mut frames = Dicom::new(1, 0.0, bytes(SampleType::U8, false));
-    (frames.frames, frames.position, frames.between) = (Some(3), None, Some(-4.0));
-    let place = [element(0x0020_0032, "DS", b"5\\6\\7", false), element(0x0020_0037, "DS", b"1\\0\\0\\0\\0\\-1", false)].concat();
-    let item = [&[0xfe, 0xff, 0, 0xe0][..], &(place.len() as u32).to_le_bytes(), &place].concat();
-    frames.more = [element(0x0028_3000, "SQ", &[], false), element(0x0054_0022, "SQ", &item, false)].concat();
-    vec![("ome.tif", tiff(&data, &pages)), ("white.tif", tiff(&coded, &[tile])), ("detector.dcm", frames.bytes())]
-}
-
 /// The most virtual memory that this process ever had, bytes; it counts what was asked for, touched or not.
 fn peak() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -176,8 +153,7 @@ fn peak() -> Option<u64> {
 fn damaged_files_are_survived() {
     const CAP: u64 = 4 << 20;
     let dir = Folder::new();
-    let mut seeds = seeds(&dir);
-    seeds.extend(described());
+    let seeds = seeds(&dir);
     let volume = ReadOptions { max_bytes: CAP, ..Default::default() };
     let lenient = ReadOptions { nan_as: Some(0.0), allow_outside: false, ..volume.clone() };
     let transfer = TransferOptions { name: Some("a".into()), ..TransferOptions::new([-1.0, 9.0]) };

@@ -1,5 +1,6 @@
 //! One small whole file of each kind that is read: what mutations and fuzzing begin with.
 
+use super::tiff_bytes::{Directory, Value, lzw, page, set, tiff};
 use super::*;
 
 /// Name and content of each; what they need beside them is put into `dir`.
@@ -36,7 +37,7 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
     std::fs::create_dir(dir.path("stack")).unwrap();
     let page: Vec<u16> = (0..20).map(|i| i * 999).collect();
     dir.file("stack/s2.png", &[&png_grey(5, 4, true, &slice(SampleType::U16, 1))]);
-    vec![
+    let mut all = vec![
         ("raw.mha", [meta_header("MET_SHORT", "ElementSpacing = 1 2 3\nHeaderSize = 0\n", "LOCAL"), data.clone()].concat()),
         ("zlib.mha", [meta_header("MET_SHORT", "CompressedData = True\n", "LOCAL"), zlib(&data)].concat()),
         ("text.mha", [meta_header("MET_SHORT", "BinaryData = False\n", "LOCAL"), ascii.clone().into_bytes()].concat()),
@@ -75,7 +76,9 @@ pub fn seeds(dir: &Folder) -> Vec<(&'static str, Vec<u8>)> {
         ("level_set.vdb", vdb::file(&[vdb::Grid { class: "level set", as_half: true, ..open_vdb("double", vdb::Pack::Zip) }])),
         ("picture.hdr", radiance()),
         ("picture.exr", exr(dir)),
-    ]
+    ];
+    all.extend(described());
+    all
 }
 
 const SLICER: &[u8] = br#"<?xml version="1.0" encoding="utf-8"?>
@@ -155,4 +158,25 @@ pub fn target(name: &str) -> &'static str {
         _ if ends(".nrrd") || ends(".nhdr") => "nrrd",
         _ => "nifti",
     }
+}
+
+/// Files that say more than their samples: pages of an OME-TIFF, white-first tiles in LZW, frames placed by a detector.
+fn described() -> Vec<(&'static str, Vec<u8>)> {
+    let data: Vec<u8> = (0..12).collect();
+    let mut pages: Vec<Directory> = (0..6).map(|i| page([2, 1], 8, 1, 1, 8 + 2 * i)).collect();
+    let text = "<OME><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"6\" SizeC=\"1\" SizeT=\"1\"><TiffData IFD=\"0\"/></Pixels></OME>";
+    set(&mut pages[0], 270, Value::Text(text.into()));
+    let mut tile = page([16, 16], 8, 1, 0, 8);
+    let coded = lzw(&(0..=255).collect::<Vec<u8>>());
+    tile.retain(|(tag, _)| ![273, 278, 279].contains(tag));
+    let place = [(322, 16), (323, 16), (324, 8), (325, coded.len() as u32)];
+    place.into_iter().for_each(|(tag, n)| set(&mut tile, tag, Value::Long(vec![n])));
+    set(&mut tile, 259, Value::Short(5));
+    set(&mut tile, 270, Value::Text("ImageJ=1.54f\nimages=1\nslices=1\n".into()));
+    let mut frames = Dicom::new(1, 0.0, bytes(SampleType::U8, false));
+    (frames.frames, frames.position, frames.between) = (Some(3), None, Some(-4.0));
+    let place = [element(0x0020_0032, "DS", b"5\\6\\7", false), element(0x0020_0037, "DS", b"1\\0\\0\\0\\0\\-1", false)].concat();
+    let item = [&[0xfe, 0xff, 0, 0xe0][..], &(place.len() as u32).to_le_bytes(), &place].concat();
+    frames.more = [element(0x0028_3000, "SQ", &[], false), element(0x0054_0022, "SQ", &item, false)].concat();
+    vec![("ome.tif", tiff(&data, &pages)), ("white.tif", tiff(&coded, &[tile])), ("detector.dcm", frames.bytes())]
 }
