@@ -1,6 +1,7 @@
 //! The scene at a frame: keyframes read, interpolated, written again.
 
 use halflight::io::{parse_scene, scene_text};
+use halflight::scene::camera::CameraSettings;
 use halflight::scene::grid::glam::DVec3;
 use halflight::scene::scene::{LightSource, TransferSource};
 use halflight::scene::{Camera, Grid, Scene, scene_at};
@@ -171,6 +172,112 @@ fn an_orbit_turns_the_camera_and_keeps_its_picture() {
 }
 
 #[test]
+fn a_zoom_and_a_pan_keep_the_camera_where_the_still_scene_has_it() {
+    let grid = Grid::new([20, 10, 14], Default::default()).expect("a grid");
+    let build = |still: &str, keys: [&str; 2]| {
+        let text = format!(
+            "[volume]\nfile = \"v\"\n{still}[animation]\nframes = 9\n[[animation.keyframe]]\nframe = 1\n{}\n[[animation.keyframe]]\nframe = 9\n{}\n",
+            keys[0], keys[1]
+        );
+        parse(&text)
+    };
+    let camera = |scene: &Scene| Camera::from_settings(&scene.camera, &grid, 1.5).expect("a camera");
+    for still in ["", "[camera]\nfov = 35\n", "[camera]\nspace = \"world\"\n"] {
+        let zoom = build(still, ["camera.fov = 40", "camera.fov = 10"]);
+        let first = camera(&zoom);
+        assert_eq!(first.fov_degrees, if still.contains("fov") { 35.0 } else { 40.0 });
+        for frame in 1..=9 {
+            let one = scene_at(&zoom, frame);
+            let seen = camera(&one);
+            assert!((seen.position - first.position).length() < 1e-12 * first.position.length(), "{still} {frame}");
+            assert_eq!((seen.target, seen.fov_degrees), (first.target, 40.0 - 3.75 * (frame - 1) as f64));
+            // The text of a frame whose volume is known has the same camera, to the bit.
+            let placed = one.placed(&grid);
+            assert!(placed.camera.position.is_some() && placed.camera.fit.is_none());
+            let again = parse(&scene_text(&placed));
+            let aspect = placed.image.aspect();
+            let of = |s: &Scene| Camera::from_settings(&s.camera, &grid, aspect).expect("a camera");
+            assert_eq!(of(&again), of(&one), "{still} {frame}");
+        }
+        let pan = build(still, ["camera.target = [0, 0, 0]", "camera.target = [0.5, 0, 0]"]);
+        let (a, b) = (camera(&scene_at(&pan, 1)), camera(&scene_at(&pan, 9)));
+        assert!((a.position - b.position).length() < 1e-12 && (a.target - b.target).length() > 0.4);
+    }
+    // A camera that was placed, or keeps a distance, is none that was fitted; nor does an orbit fit anew.
+    for (still, keys) in [
+        ("[camera]\nposition = [2, 0, 0]\n", ["camera.fov = 40", "camera.fov = 10"]),
+        ("[camera]\ndistance = 3\n", ["camera.target = [0, 0, 0]", "camera.target = [0.5, 0, 0]"]),
+        ("", ["camera.orbit = [0, 0, 1, 0]", "camera.orbit = [0, 0, 1, 80]"]),
+    ] {
+        let scene = build(still, keys);
+        for frame in [1, 4, 9] {
+            let one = scene_at(&scene, frame);
+            let plain = Scene { camera: CameraSettings { fit: None, ..one.camera }, ..one.clone() };
+            assert_eq!(camera(&one), camera(&plain), "{still} {frame}");
+            assert_eq!(one.placed(&grid), plain);
+        }
+    }
+}
+
+#[test]
+fn the_command_line_takes_the_place_of_a_track() {
+    let text = "[volume]\nfile = \"v\"\n[animation]\nframes = 9\n[[animation.keyframe]]\nframe = 1\n\
+                camera.fov = 20\nlight.constant = [1, 1, 1]\ntransfer.points = [[0, 1, 1, 1, 0], [9, 1, 1, 1, 1]]\nlight.scale = 1\n\
+                [[animation.keyframe]]\nframe = 9\ncamera.fov = 40\nlight.scale = 2\n";
+    let over = |given: &[(&str, &str)]| parse_scene(text, "s.toml", Path::new(""), given).expect("a good scene");
+    let tracks = |scene: &Scene| scene.animation.iter().flat_map(|a| a.tracks.iter().map(|t| t.channel)).collect::<Vec<_>>();
+    assert_eq!(tracks(&over(&[])), ["transfer.points", "light.constant", "light.scale", "camera.fov"]);
+    let scene = over(&[("camera.fov", "60")]);
+    assert_eq!(tracks(&scene), ["transfer.points", "light.constant", "light.scale"]);
+    let one = scene_at(&scene, 9);
+    assert_eq!((one.camera.fov_degrees, one.light.scale, one.camera.fit), (60.0, 2.0, None));
+    assert!(scene_text(&scene).contains("fov = 60.0") && !scene_text(&scene).contains("fov = 20.0"));
+    assert_eq!(one.origins.of("camera.fov"), "command line");
+    // Rivals of a group: the other kind of light, of transfer function.
+    let scene = over(&[("light.probe", "p.hdr"), ("transfer.file", "t.json")]);
+    assert_eq!(tracks(&scene), ["light.scale", "camera.fov"]);
+    let one = scene_at(&scene, 5);
+    assert!(matches!((&one.light.source, &one.transfer), (LightSource::Probe(_), TransferSource::File { .. })));
+    let scene = over(&[("transfer.points", "[[0, 1, 1, 1, 0], [5, 0, 0, 0, 1]]")]);
+    assert_eq!(tracks(&scene), ["light.constant", "light.scale", "camera.fov"]);
+    let TransferSource::Points(points) = scene_at(&scene, 3).transfer else { panic!("points") };
+    assert_eq!(points.colors()[1].0, 5.0);
+    // What is beside the group stays beside it.
+    assert_eq!(tracks(&over(&[("transfer.kind", "extinction")])).len(), 4);
+    // Keyframes from the command line take the place of the file's, and of the file's rival; and stand beside its own keys.
+    let file = text.replace("[animation]", "[transfer]\nfile = \"t.json\"\n[animation]");
+    let refused = parse_scene(&file, "s.toml", Path::new(""), &[]).expect_err("a pair").to_string();
+    assert!(refused.contains("`transfer.file` cannot stand beside `transfer.points`"), "{refused}");
+    let keyframes = "[{ frame = 1, transfer.points = [[0, 1, 1, 1, 0], [9, 1, 1, 1, 1]], camera.fov = 30 }]";
+    let given = [("animation.keyframe", keyframes), ("camera.fov", "50")];
+    let scene = parse_scene(&file, "s.toml", Path::new(""), &given).expect("a good scene");
+    assert_eq!(tracks(&scene), ["transfer.points", "camera.fov"]);
+    assert!(matches!(scene.transfer, TransferSource::Points(_)) && scene.camera.fov_degrees == 50.0);
+    // A file's number of a series.
+    let series = "[volume]\nfile = \"d/#.vti\"\n[animation]\nframes = 9\n[[animation.keyframe]]\nframe = 1\nvolume.number = 0\n\
+                  [[animation.keyframe]]\nframe = 9\nvolume.number = 8\n";
+    let file = |given: &[(&str, &str)]| {
+        scene_at(&parse_scene(series, "s.toml", Path::new(""), given).expect("a good scene"), 5).volume.file.display().to_string()
+    };
+    assert_eq!((file(&[]), file(&[("volume.number", "7")])), ("d/4.vti".into(), "d/7.vti".into()));
+}
+
+#[test]
+fn a_value_between_two_keyframes_is_blamed_on_both() {
+    let scene = parse(
+        "[volume]\nfile = \"v\"\n[animation]\nframes = 9\n[[animation.keyframe]]\nframe = 1\nsurface.iso = 5\n\
+         [[animation.keyframe]]\nframe = 5\nsurface.iso = 15\nlight.scale = 1\n[[animation.keyframe]]\nframe = 8\nsurface.iso = 0\nease = \"hold\"\n\
+         [[animation.keyframe]]\nframe = 20\nsurface.iso = 9\n",
+    );
+    let of = |frame| scene_at(&scene, frame).origins.of("surface.iso").to_owned();
+    assert_eq!(of(1), "s.toml line 5, keyframe 1");
+    assert_eq!(of(3), "between s.toml line 5, keyframe 1 and s.toml line 8, keyframe 2");
+    assert_eq!((of(5), of(-9)), ("s.toml line 8, keyframe 2".into(), of(1)));
+    assert_eq!(of(9), "s.toml line 12, keyframe 3", "what holds is the value of one");
+    assert_eq!(scene_at(&scene, 3).origins.of("light.scale"), "s.toml line 8, keyframe 2");
+}
+
+#[test]
 fn what_is_wrong_is_said_with_its_keyframe() {
     let one = |keyframe: &str| refused(&format!("[volume]\nfile = \"v\"\n[animation]\nframes = 3\n[[animation.keyframe]]\n{keyframe}\n"));
     assert!(
@@ -178,9 +285,35 @@ fn what_is_wrong_is_said_with_its_keyframe() {
             .contains("line 5: `animation.keyframe` number 1 has `camera.orbt`; did you mean `camera.orbit`?")
     );
     assert!(one("camera.fov = 3").contains("number 1 has no frame"));
-    assert!(one("frame = 1\ntime = 2").contains("one of the two"));
+    assert!(
+        one("frame = 1\ntime = 2\ncamera.fov = 9").contains("line 5: `animation.keyframe` number 1 has a frame and a time; give it one")
+    );
+    assert!(one("frame = \"1\"\ncamera.fov = 9").contains("number 1 has frame = \"1\"; it must be a number"));
+    assert!(one("time = [2]\ncamera.fov = 9").contains("has time = [2]; it must be a number of seconds"));
+    for nothing in ["frame = 1", "time = 1\nease = \"hold\""] {
+        assert!(one(nothing).contains("number 1 sets nothing; give it keys of the scene"), "{nothing}");
+    }
+    // The key's own words, at the keyframe's own line.
+    for (value, words) in [
+        ("camera.position = [1, 2]", "`camera.position` is [1, 2]; it must be three numbers, [x, y, z]"),
+        ("camera.fov = \"30\"", "`camera.fov` is \"30\"; it must lie in 1..170 degrees"),
+        ("camera.fov = nan", "`camera.fov` is nan; it must lie in 1..170 degrees"),
+        ("transfer.points = []", "`transfer.points` is unusable: "),
+        ("transfer.points = [[0, 1]]", "`transfer.points` has [0, 1] as its point 0; it must be a list of points"),
+        ("clip.planes = [1, 0, 0, 1]", "`clip.planes` has 1 as its point 0; it must be a list of planes"),
+        ("volume.number = \"x\"", "`volume.number` is \"x\"; it must be a whole number"),
+        ("light.constant = 1", "`light.constant` is 1; it must be three numbers"),
+    ] {
+        let said = one(&format!("frame = 1\nlight.scale = 1\n[[animation.keyframe]]\nframe = 2\n{value}"));
+        assert!(said.contains(&format!("s.toml line 8, keyframe 2: {words}")), "{said}");
+    }
+    let listed = "[volume]\nfile = \"v\"\n[animation]\nframes = 3\nkeyframe = [\n  { frame = 1, camera.fov = 9 },\n  { frame = 2 },\n]\n";
+    assert!(refused(listed).contains("s.toml line 7: `animation.keyframe` number 2 sets nothing"), "{}", refused(listed));
+    let given = [("animation.keyframe", "[{ frame = 1, camera.fov = 999 }]")];
+    let said = parse_scene(TURN, "s.toml", Path::new(""), &given).expect_err("a bad scene").to_string();
+    assert!(said.starts_with("command line, keyframe 1: `camera.fov` is 999"), "{said}");
     assert!(one("frame = 1\nease = \"cubic\"").contains("\"linear\", \"smooth\" or \"hold\""));
-    assert!(one("frame = 1\nlight.rotate = [0, 0, 1]").contains("light.rotate = [0, 0, 1]"));
+    assert!(one("frame = 1\nlight.rotate = [0, 0, 1]").contains("`light.rotate` is [0, 0, 1]; it must be an axis and degrees"));
     assert!(one("frame = 1\ncamera.fov = 999").contains("s.toml line 5, keyframe 1: `camera.fov` is 999; it must lie in 1..170"));
     assert!(one("frame = 1\nlight.rotate = [0, 0, 0, 5]").contains("axis of length 0"));
     assert!(one("frame = 1\ncamera.fov = 9\n[[animation.keyframe]]\nframe = 1\ncamera.fov = 8").contains("at the frame of another"));

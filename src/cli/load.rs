@@ -3,13 +3,14 @@
 use super::fail::Failure;
 use super::progress::Progress;
 use halflight::error::Error;
-use halflight::io::{self, COMMAND_LINE, RawLayout, ReadOptions, SampleType, TransferOptions, VolumeInfo};
+use halflight::io::{self, COMMAND_LINE, RawLayout, ReadOptions, SampleType, VolumeInfo};
 use halflight::scene::animation::Animation;
 use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSource, ramp};
 use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
 use std::io::ErrorKind;
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Once;
 
 /// The stage in which the volume is read.
 pub const READ: &str = "read volume";
@@ -95,8 +96,10 @@ pub fn load(scene: &Scene, bar: &Progress) -> Result<Loaded, Failure> {
     let (probe, light) = light(scene)?;
     let volume = volume(scene, bar)?;
     let matter = matter(scene, &volume)?;
-    let aspect = scene.image.width as f64 / scene.image.height as f64;
-    let camera = Camera::from_settings(&scene.camera, volume.grid(), aspect).map_err(|e| scene.origins.blame(e))?;
+    if let Some(why) = unseen(scene, &matter, &volume) {
+        log::warn!("{why}");
+    }
+    let camera = Camera::from_settings(&scene.camera, volume.grid(), scene.image.aspect()).map_err(|e| scene.origins.blame(e))?;
     Ok(Loaded { volume, matter, probe, light, camera })
 }
 
@@ -113,28 +116,33 @@ pub fn check_frame(animation: &Animation, frame: i64, option: &str) -> Result<()
     }
 }
 
-/// The scene's matter, checked against the data; says where nothing will be seen.
+/// The scene's matter, checked against the data.
 pub fn matter(scene: &Scene, volume: &Volume) -> Result<Matter, Failure> {
-    let (matter, [lo, hi]) = (checked_matter(scene, volume)?, volume.range());
-    if matter.is_vacuum([lo, hi]) {
-        log::warn!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty");
+    let matter = Matter { transfer: transfer(scene, volume)?, surface: scene.surface };
+    // A front that has not come yet, or has passed, is no error of the frame.
+    if !scene.origins.surface_moves() {
+        // Only the data shows it: bad input, wherever the value was written.
+        matter.check_surface(volume.range()).map_err(|e| Failure::new(3, scene.origins.blame(e).to_string()))?;
     }
     Ok(matter)
 }
 
-/// The same without a word.
-pub fn checked_matter(scene: &Scene, volume: &Volume) -> Result<Matter, Failure> {
-    let transfer = transfer(scene, volume)?;
+/// Why nothing will be seen of the volume, or only its box, if so.
+pub fn unseen(scene: &Scene, matter: &Matter, volume: &Volume) -> Option<String> {
     let [lo, hi] = volume.range();
-    if let Some(surface) = scene.surface
-        && !(f64::from(lo)..=f64::from(hi)).contains(&surface.iso)
-    {
-        let what = format!("is {}, outside the data's range {lo} to {hi}", surface.iso);
-        let error = scene.origins.error("surface.iso", what, "choose a value within the range");
-        // Only the data shows it: bad input, wherever the value was written.
-        return Err(Failure::new(3, error.to_string()));
+    match matter.surface {
+        _ if scene.clip.keeps_nothing(volume.grid()) => Some("[clip] leaves nothing of the volume: the picture will be empty".into()),
+        Some(s) if s.iso < f64::from(lo) => {
+            Some(format!("`surface.iso` is {}, below the data's range {lo} to {hi}: the whole box is solid", s.iso))
+        }
+        Some(s) if s.iso > f64::from(hi) => {
+            Some(format!("`surface.iso` is {}, above the data's range {lo} to {hi}: the picture will be empty", s.iso))
+        }
+        None if matter.is_vacuum([lo, hi]) => {
+            Some(format!("the transfer function is transparent over the data's range {lo} to {hi}: the picture will be empty"))
+        }
+        _ => None,
     }
-    Ok(Matter { transfer, surface: scene.surface })
 }
 
 /// The scene's probe.
@@ -158,14 +166,36 @@ pub fn light(scene: &Scene) -> Result<(Option<Probe>, Light), Failure> {
 
 fn transfer(scene: &Scene, volume: &Volume) -> Result<Transfer, Failure> {
     Ok(match &scene.transfer {
-        TransferSource::Ramp { reference } => ramp(volume.range(), *reference)?,
+        TransferSource::Ramp { reference } => {
+            // The ramp is grey: a surface's albedo is the same everywhere on it.
+            if scene.surface.is_none() {
+                rescaled(scene, "give transfer.points in data values");
+            }
+            ramp(volume.range(), *reference)?
+        }
         TransferSource::Points(transfer) => transfer.clone(),
         TransferSource::File { path, name, range, reference } => {
-            let data_range = volume.range().map(f64::from);
-            let options = TransferOptions { range: *range, data_range, reference: *reference, name: name.clone() };
-            io::read_transfer(path, &options).map_err(|e| of_file(scene, "transfer.file", e))?
+            let file = |e| of_file(scene, "transfer.file", e);
+            let preset = io::transfer::read_preset(path, name.as_deref()).map_err(file)?;
+            if preset.is_relative() && range.is_none() && scene.surface.is_none_or(|s| s.albedo.is_none()) {
+                rescaled(scene, "give transfer.range = [low, high]");
+            }
+            preset.transfer(path, *range, volume.range().map(f64::from), *reference).map_err(file)?
         }
     })
+}
+
+/// Says once that the steps of a time series are each shown on a scale of their own.
+fn rescaled(scene: &Scene, fix: &str) {
+    static SAID: Once = Once::new();
+    if scene.origins.animated.contains_key("volume.file") {
+        SAID.call_once(|| {
+            log::warn!(
+                "the transfer function follows the data's own range, which may differ from file to file of this time series: one value \
+                 then looks different in different frames; {fix}, to lay it on the same values in all"
+            );
+        });
+    }
 }
 
 fn layout(raw: &RawSettings) -> Result<RawLayout, Error> {

@@ -6,7 +6,7 @@ use super::fail::Failure;
 use super::load;
 use super::output::{Kind, PICTURES};
 use super::progress::Progress;
-use super::render::{asked, background, finish, header};
+use super::render::{asked, background, finish, picture_header};
 use super::signals::Signals;
 use clap::ArgMatches;
 use halflight::engine::ReferenceSettings;
@@ -56,7 +56,7 @@ pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<()
         json!({ "samples": samples, "relative_standard_error": error, "wanted": settings.error, "reached": error <= settings.error }),
     );
     let spans = engine.take_timings();
-    let mut meta = header(&scene, &engine, &spans);
+    let mut meta = picture_header(&scene, &loaded, &engine, &spans)?;
     meta.push(("reference".into(), format!("{samples} samples a pixel, relative standard error {error:.6}")));
     match output.kind {
         Kind::Exr => io::write_exr_with_error(&output.path, &picture, &reference.standard_error, &meta)?,

@@ -68,7 +68,7 @@ fn plain(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Fai
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     report.set("picture", json!({ "width": picture.width, "height": picture.height }));
     let spans = engine.take_timings();
-    let mut meta = header(&scene, &engine, &spans);
+    let mut meta = picture_header(&scene, &loaded, &engine, &spans)?;
     if let Some(seconds) = budget {
         report.flush()?;
         bar.enter("measure");
@@ -100,6 +100,13 @@ pub fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, St
         ("device".into(), format!("{}; {}", device.name, device.driver)),
         ("timings".into(), timings.join("; ")),
     ]
+}
+
+/// The same of a picture: its camera where it stands, too.
+pub fn picture_header(scene: &Scene, loaded: &Loaded, engine: &Engine, spans: &[Span]) -> Result<Vec<(String, String)>, Failure> {
+    let mut meta = header(&scene.placed(loaded.volume.grid()), engine, spans);
+    meta.extend(io::camera_meta(&loaded.camera)?);
+    Ok(meta)
 }
 
 /// The scene and the checked output of a command line.

@@ -19,7 +19,7 @@ mod sweep;
 use crate::error::{Error, Result};
 use crate::room::reserved;
 use crate::scene::transfer::Table;
-use crate::scene::{Clip, Grid, Matter, Samples, Volume};
+use crate::scene::{Clip, Grid, Matter, Samples, Surface, Volume};
 use crate::stages::widen::SampleType;
 use crate::stages::{self, Encoding, MediumView};
 use crate::vk::{self, Buffer, Format, Image, ImageDesc, Recorder};
@@ -363,10 +363,11 @@ impl Engine {
         Volume::new(data.grid, samples, data.rescale.0, data.rescale.1)
     }
 
-    /// Gives a volume its matter: transfer function, or opaque surface.
+    /// Gives a volume its matter: transfer function, or opaque surface. A surface's value beyond the data is none that
+    /// they have: above them all is vacuum, below them the whole box is solid.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for an iso value outside the data.
+    /// [`Error::Invalid`] for an iso value that is not a number.
     pub fn classify(&self, volume: &DeviceVolume, matter: &Matter) -> Result<Medium> {
         self.classify_clipped(volume, matter, &Clip::default())
     }
@@ -410,34 +411,35 @@ impl Engine {
         let mut tell = telling("classify", progress);
         tell(0.0)?;
         let grid = volume.grid();
+        let mut matter = matter.clone();
         let mut table = matter.transfer.table(volume.range(), grid);
         if let (Some(surface), Some(albedo)) = (matter.surface, matter.surface_albedo()) {
-            let [lo, hi] = volume.range().map(f64::from);
-            if !(surface.iso >= lo && surface.iso <= hi) {
-                return Err(Error::Invalid {
-                    item: "surface.iso",
-                    what: format!("{} lies outside the data", surface.iso),
-                    right: format!("the data's range is {lo} to {hi}"),
-                });
+            if surface.iso.is_nan() {
+                let right = "it must be a number, in the data's unit".into();
+                return Err(Error::Invalid { item: "surface.iso", what: "is NaN".into(), right });
             }
-            table = Table::surface(surface.iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
+            let iso = within_reach(surface.iso, volume.range());
+            matter.surface = Some(Surface { iso, albedo: Some(albedo), ..surface });
+            table = Table::surface(iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
         }
         self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
         let sigma = self.device.buffer_from("sigma", &[&table.sigma[..], clip.as_flattened()].concat())?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some(), &mut tell)?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));
-        Ok(Medium {
-            volume: volume.clone(),
-            matter: matter.clone(),
-            table,
-            sigma,
-            albedo,
-            occupancy,
-            flat_albedo,
-            clip,
-            buried: Default::default(),
-        })
+        Ok(Medium { volume: volume.clone(), matter, table, sigma, albedo, occupancy, flat_albedo, clip, buried: Default::default() })
+    }
+}
+
+/// An iso value beyond the data's range, near enough to be stored as the data are, and too far off for rounding to take it
+/// for theirs.
+fn within_reach(iso: f64, range: [f32; 2]) -> f64 {
+    let [lo, hi] = range.map(f64::from);
+    let margin = (hi - lo).max(0.01 * lo.abs().max(hi.abs())).max(1e-6);
+    match iso {
+        iso if iso > hi => hi + margin,
+        iso if iso < lo => lo - margin,
+        iso => iso,
     }
 }
 

@@ -213,6 +213,7 @@ fn camera(info: *const hl_camera) -> Result<CameraSettings> {
         orbit,
         centre: switch("hl_camera.own_centre", info.own_centre)?.then(|| DVec3::from(info.centre)),
         distance: (info.distance != 0.0).then_some(info.distance),
+        fit: None,
     })
 }
 

@@ -25,8 +25,15 @@ pub(super) const MAX_SIDE: usize = 65_536;
 /// Most pixels of a picture.
 pub(super) const MAX_PIXELS: usize = 1 << 27;
 
+/// Sixteen numbers of a picture's header: the standard attribute `worldToCamera` in OpenEXR.
+pub const WORLD_TO_CAMERA: &str = "worldToCamera";
+
+/// A number of a picture's header: the standard attribute `framesPerSecond` in OpenEXR, there a fraction.
+pub const FRAMES_PER_SECOND: &str = "framesPerSecond";
+
 /// Writes linear, premultiplied RGBA (OpenEXR's convention) as 32-bit float, ZIP compressed. Each pair of `meta` becomes a
-/// text attribute `halflight/KEY`, a name that no standard attribute has.
+/// text attribute `halflight/KEY`, a name that no standard attribute has, but for [`WORLD_TO_CAMERA`] and
+/// [`FRAMES_PER_SECOND`].
 ///
 /// # Errors
 /// [`Error::Invalid`] for a picture whose pixels do not match its size, or a key that is empty, longer than 245 bytes or
@@ -85,9 +92,34 @@ pub(super) fn attributes(meta: &[(String, String)]) -> Result<LayerAttributes> {
                 right: "keys have 1 to 245 bytes and no NUL".into(),
             });
         }
-        attributes.other.insert(text(&format!("halflight/{key}")), AttributeValue::Text(text(value)));
+        match key.as_str() {
+            WORLD_TO_CAMERA => attributes.world_to_camera = Some(matrix(value).ok_or_else(|| unread(key, value))?),
+            FRAMES_PER_SECOND => attributes.frames_per_second = Some(fraction(value).ok_or_else(|| unread(key, value))?),
+            _ => drop(attributes.other.insert(text(&format!("halflight/{key}")), AttributeValue::Text(text(value)))),
+        }
     }
     Ok(attributes)
+}
+
+fn unread(key: &str, value: &str) -> Error {
+    Error::Invalid {
+        item: "picture metadata",
+        what: format!("{key} is {:?}", value.chars().take(40).collect::<String>()),
+        right: "worldToCamera is sixteen finite numbers, framesPerSecond one in 0.001..1e6".into(),
+    }
+}
+
+fn matrix(text: &str) -> Option<[f32; 16]> {
+    let numbers: Option<Vec<f32>> = text.split_whitespace().map(|n| n.parse().ok().filter(|x: &f32| x.is_finite())).collect();
+    numbers?.try_into().ok()
+}
+
+/// The fraction of a rate: that with the smallest denominator, up to the 1001 of television, which is not off by a ten-millionth.
+fn fraction(text: &str) -> Option<(i32, u32)> {
+    let rate: f64 = text.parse().ok().filter(|r| (1e-3..=1e6).contains(r))?;
+    let off = |n: u32| ((rate * f64::from(n)).round() / f64::from(n) / rate - 1.0).abs();
+    let n = (1..=1001).find(|&n| off(n) < 1e-7).unwrap_or(1000);
+    Some(((rate * f64::from(n)).round() as i32, n))
 }
 
 /// Checks that a picture's pixels are those of its size.
@@ -256,5 +288,28 @@ pub(super) fn trouble(path: &Path, action: &'static str, error: exr::error::Erro
             what: format!("OpenEXR: {}", other.to_string().chars().take(200).collect::<String>()),
             right: "the file must be whole and flat".into(),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{attributes, fraction};
+
+    #[test]
+    fn rates_are_the_fractions_that_people_mean() {
+        for (text, fraction_of) in [
+            ("24", (24, 1)),
+            ("23.976", (2997, 125)),
+            ("23.976023976023978", (24000, 1001)),
+            ("29.97002997", (30000, 1001)),
+            ("12.5", (25, 2)),
+            ("0.001", (1, 1000)),
+        ] {
+            assert_eq!(fraction(text), Some(fraction_of), "{text}");
+        }
+        assert!(fraction("12.3456789").is_some_and(|(a, b)| (f64::from(a) / f64::from(b) - 12.3456789).abs() < 1e-3));
+        for (key, value) in [("framesPerSecond", "0"), ("framesPerSecond", "fast"), ("worldToCamera", "1 0 0"), ("worldToCamera", "NaN")] {
+            assert!(attributes(&[(key.into(), value.into())]).is_err(), "{key} {value}");
+        }
     }
 }

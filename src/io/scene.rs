@@ -71,18 +71,29 @@ pub fn parse_scene(text: &str, origin: &str, folder: &Path, overrides: &Override
     build(settings, None)
 }
 
+/// Groups of keys of which a scene has one; the first of each is its main key.
+pub(super) const RIVALS: [[&[&str]; 2]; 2] = [
+    [&["light.probe"], &["light.constant"]],
+    [&["transfer.file", "transfer.name", "transfer.range"], &["transfer.points", "transfer.kind"]],
+];
+
 fn build(mut s: Settings, volume: Option<&Path>) -> Result<Scene> {
     let animation = super::scene_animation::animation(&mut s, volume)?;
-    s.exclusive(&["light.probe"], &["light.constant"])?;
-    s.exclusive(&["transfer.file", "transfer.name", "transfer.range"], &["transfer.points", "transfer.kind"])?;
+    for [a, b] in RIVALS {
+        s.exclusive(a, b)?;
+    }
     let wanted = wanted(&mut s)?;
     plain(s, volume, animation, wanted)
 }
 
 /// The scene of settings whose groups are settled.
-pub(super) fn plain(s: Settings, volume: Option<&Path>, animation: Option<Animation>, wanted: Option<Wanted>) -> Result<Scene> {
+pub(super) fn plain(mut s: Settings, volume: Option<&Path>, animation: Option<Animation>, wanted: Option<Wanted>) -> Result<Scene> {
+    let volume = volume_settings(&s, volume, animation.as_ref())?;
+    if volume.steps.is_some() && animation.as_ref().is_some_and(|a| a.track("volume.number").is_some() || !s.has("volume.number")) {
+        s.origins.animated.insert("volume.file".into(), Vec::new());
+    }
     Ok(Scene {
-        volume: volume_settings(&s, volume, animation.as_ref())?,
+        volume,
         transfer: transfer(&s)?,
         surface: surface(&s)?,
         clip: clip(&s)?,
@@ -319,6 +330,7 @@ fn camera(s: &Settings) -> Result<CameraSettings> {
         orbit: turn(s, "camera.orbit")?,
         centre: vector("camera.centre")?,
         distance: s.number("camera.distance", 1e-30..=1e30, "it must be a length above 0")?,
+        fit: None,
     })
 }
 

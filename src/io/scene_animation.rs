@@ -1,8 +1,8 @@
 //! `[animation]` of a scene, read and written.
 
-use super::scene::plain;
-use super::settings::Settings;
-use crate::error::Result;
+use super::scene::{RIVALS, plain};
+use super::settings::{Settings, clamp};
+use crate::error::{Error, Result};
 use crate::scene::animation::{Animation, CHANNELS, Ease, Keyframe, Shape, Track};
 use crate::scene::keys::nearest;
 use std::path::Path;
@@ -10,12 +10,13 @@ use toml::{Table, Value};
 
 const EASES: [(&str, Ease); 3] = [("linear", Ease::Linear), ("smooth", Ease::Smooth), ("hold", Ease::Hold)];
 
+const KEY: &str = "animation.keyframe";
+
 /// Most keyframes that are taken seriously: each is checked as a whole scene.
 const MAX_KEYFRAMES: usize = 10_000;
 
 /// The animation, if the scene has one. A key that is animated but not set takes the first keyframe's value.
 pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Option<Animation>> {
-    const KEY: &str = "animation.keyframe";
     if !s.has_table("animation") {
         return Ok(None);
     }
@@ -34,10 +35,15 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
     if tables.len() > MAX_KEYFRAMES {
         return Err(s.origins.error(KEY, format!("has {} entries", tables.len()), "at most 10000 are read"));
     }
-    // (channel, keyframe, its value as written, its place)
-    let mut found: Vec<(usize, Keyframe, Value, usize)> = Vec::new();
+    // What the command line sets takes the place of the file's track, and of a rival's.
+    let displaced = |key: &str| {
+        let rival = |[a, b]: [&[&str]; 2]| (a.contains(&key) && s.overrides(b[0])) || (b.contains(&key) && s.overrides(a[0]));
+        !s.overrides(KEY) && (s.overrides(key) || RIVALS.into_iter().any(rival))
+    };
+    // (channel, frame, ease, the value as written, which keyframe)
+    let mut found: Vec<(usize, f64, Ease, Value, usize)> = Vec::new();
     for (i, table) in tables.iter().enumerate() {
-        let bad = |what: String, right: &str| s.origins.error(KEY, format!("number {} {what}", i + 1), right);
+        let bad = |what: String, right: &str| wrong(s, i, what, right);
         let own = match table.get("ease") {
             None => ease,
             Some(value) => match EASES.iter().find(|(name, _)| value.as_str() == Some(name)) {
@@ -45,49 +51,50 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
                 None => return Err(bad(format!("has ease = {value}"), "it must be \"linear\", \"smooth\" or \"hold\"")),
             },
         };
-        let number = |key| table.get(key).map(number);
-        let frame = match (number("frame"), number("time")) {
-            (Some(Some(frame)), None) => frame,
-            (None, Some(Some(seconds))) => first + seconds * rate,
-            _ => return Err(bad("has no frame".into(), "give it frame = N, or time = SECONDS, one of the two")),
-        };
-        for (key, value) in flat(table) {
-            if ["ease", "frame", "time"].contains(&key.as_str()) {
-                continue;
+        let frame = match (table.get("frame"), table.get("time")) {
+            (None, None) => return Err(bad("has no frame".into(), "give it frame = N, or time = SECONDS, one of the two")),
+            (Some(_), Some(_)) => return Err(bad("has a frame and a time".into(), "give it one of the two")),
+            (Some(frame), None) => number(frame).ok_or_else(|| bad(format!("has frame = {}", short(frame)), "it must be a number"))?,
+            (None, Some(time)) => {
+                first + rate * number(time).ok_or_else(|| bad(format!("has time = {}", short(time)), "it must be a number of seconds"))?
             }
+        };
+        let mut keys = flat(table);
+        keys.retain(|(key, _)| !["ease", "frame", "time"].contains(&key.as_str()));
+        if keys.is_empty() {
+            return Err(bad("sets nothing".into(), "give it keys of the scene, such as camera.orbit = [0, 0, 1, 90], or drop it"));
+        }
+        for (key, value) in keys {
             let Some(channel) = CHANNELS.iter().position(|(name, _)| *name == key) else {
                 let names: Vec<&str> = CHANNELS.iter().map(|c| c.0).collect();
                 let near = nearest(&key, names.iter().copied()).map_or(String::new(), |n| format!("did you mean `{n}`? "));
-                return Err(bad(format!("has `{}`", short(&key)), &format!("{near}animated are {}", names.join(", "))));
+                return Err(bad(format!("has `{}`", clamp(&key)), &format!("{near}animated are {}", names.join(", "))));
             };
-            let Some(values) = numbers(&value, CHANNELS[channel].1) else {
-                return Err(bad(format!("has {key} = {}", short(&value.to_string())), "it must have the numbers that the key has"));
-            };
-            found.push((channel, Keyframe { frame, values, ease: own }, value, i));
+            if !displaced(&key) {
+                found.push((channel, frame, own, value, i));
+            }
         }
     }
-    found.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.frame.total_cmp(&b.1.frame)));
+    found.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     // What nothing else sets stands as in its first keyframe, so that the scene is whole without its animation.
-    let origin = |i: usize| format!("{}, keyframe {}", s.origins.of(KEY), i + 1);
-    let mut firsts: Vec<(&str, Value, String)> = Vec::new();
-    for (channel, _, value, i) in &found {
+    let origin = |s: &Settings, i: usize| format!("{}, keyframe {}", s.entry(KEY, i), i + 1);
+    for (channel, _, _, value, i) in &found {
         let name = CHANNELS[*channel].0;
-        if !s.has(name) && firsts.last().is_none_or(|f| f.0 != name) {
-            firsts.push((name, value.clone(), origin(*i)));
+        if !s.has(name) {
+            s.put(name, value.clone(), origin(s, *i));
         }
     }
-    let checks: Vec<(&str, Value, String)> = found.iter().map(|(c, _, v, i)| (CHANNELS[*c].0, v.clone(), origin(*i))).collect();
-    for (key, value, origin) in firsts {
-        s.put(key, value, origin);
-    }
-    for (key, value, origin) in checks {
+    for (channel, _, _, value, i) in &found {
         let mut with = s.clone();
-        with.put(key, value, origin);
+        with.put(CHANNELS[*channel].0, value.clone(), origin(s, *i));
         plain(with, volume, None, None)?;
     }
-    for (channel, key, _, i) in found {
+    for (channel, frame, ease, value, i) in found {
         let (name, shape) = CHANNELS[channel];
-        let bad = |what: &str, right: &str| Err(s.origins.error(KEY, format!("number {} {what} `{name}`", i + 1), right));
+        let bad = |what: &str, right: &str| Err(wrong(s, i, format!("{what} `{name}`"), right));
+        // The scene's own check, above, has said what a value must look like.
+        let Some(values) = numbers(&value, shape) else { return bad("has an unusable", "it must have the numbers that the key has") };
+        let key = Keyframe { frame, values, ease };
         match animation.tracks.last_mut().filter(|t| t.channel == name) {
             None => animation.tracks.push(Track { channel: name, keys: vec![key] }),
             Some(track) if track.keys.last().is_some_and(|last| last.frame == key.frame) => {
@@ -98,8 +105,15 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
             }
             Some(track) => track.keys.push(key),
         }
+        let place = origin(s, i);
+        s.origins.animated.entry(name.into()).or_default().push(place);
     }
     Ok(Some(animation))
+}
+
+/// What is wrong with a keyframe, at its own line.
+fn wrong(s: &Settings, i: usize, what: String, right: &str) -> Error {
+    Error::Scene { origin: s.entry(KEY, i).into(), key: KEY.into(), what: format!("number {} {what}", i + 1), right: right.into() }
 }
 
 /// The table that reads as the animation.
@@ -169,8 +183,7 @@ fn numbers(value: &Value, shape: Shape) -> Option<Vec<f64>> {
     }
 }
 
-/// A scene's own words in an error.
-fn short(text: &str) -> String {
-    let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(80).collect();
-    if text.chars().count() > 80 { line + "…" } else { line }
+/// A value as an error shows it.
+fn short(value: &Value) -> String {
+    clamp(&value.to_string())
 }

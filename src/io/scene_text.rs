@@ -1,6 +1,8 @@
 //! A scene as TOML text with every effective setting: what pictures and fields carry in their headers. Read again by
 //! `io::parse_scene`, it is the same scene.
 
+use crate::error::Result;
+use crate::scene::Camera;
 use crate::scene::camera::Space;
 use crate::scene::frames::frames_text;
 use crate::scene::scene::{Background, LightSource, Scene, Shading, TransferSource, Windowing};
@@ -31,6 +33,30 @@ pub fn scene_text(scene: &Scene) -> String {
         }
     }
     text
+}
+
+/// Where a picture's camera stands, for its header: `camera`, a [camera] table in world coordinates that any scene of the
+/// volume can have, and [`WORLD_TO_CAMERA`](super::WORLD_TO_CAMERA), row by row, for rows times matrices as OpenEXR has them:
+/// x to the right of the picture, y up, z away from the camera.
+///
+/// # Errors
+/// As [`Camera::check`].
+pub fn camera_meta(camera: &Camera) -> Result<Vec<(String, String)>> {
+    let [right, up, forward] = camera.basis()?;
+    let entries = [("position", camera.position), ("target", camera.target), ("up", camera.up)];
+    let mut out = table(entries.map(|(key, v)| (key, floats(v.to_array()))).into());
+    out.insert("space".into(), word("world"));
+    out.insert("fov".into(), Value::Float(camera.fov_degrees));
+    let axes = [right, up, forward];
+    let mut rows: Vec<f64> = (0..3).flat_map(|i| axes.map(|a| a[i]).into_iter().chain([0.0])).collect();
+    rows.extend(axes.map(|a| -a.dot(camera.position)).into_iter().chain([1.0]));
+    let mut meta = vec![("camera".into(), Table::from_iter([("camera".to_owned(), Value::Table(out))]).to_string())];
+    // No -0: it is one of two names of a number.
+    let rows: Vec<f32> = rows.iter().map(|x| *x as f32 + 0.0).collect();
+    if rows.iter().all(|x| x.is_finite()) {
+        meta.push((super::WORLD_TO_CAMERA.into(), rows.iter().map(f32::to_string).collect::<Vec<_>>().join(" ")));
+    }
+    Ok(meta)
 }
 
 /// The shortest decimal that reads as the same single-precision number.

@@ -18,6 +18,8 @@ pub(super) struct Settings {
     values: BTreeMap<String, Value>,
     /// Overrides as they were written.
     written: BTreeMap<String, String>,
+    /// Where each entry of a list of tables stands.
+    entries: BTreeMap<String, Vec<String>>,
     /// Tables that the file opens, even empty ones.
     tables: Vec<String>,
     /// What the file's relative paths are relative to.
@@ -27,8 +29,8 @@ pub(super) struct Settings {
 impl Settings {
     /// No settings yet; a missing key is reported at `scene`.
     pub fn new(scene: String, folder: &Path) -> Self {
-        let origins = Origins { scene, keys: BTreeMap::new() };
-        Self { origins, values: BTreeMap::new(), written: BTreeMap::new(), tables: Vec::new(), folder: folder.to_owned() }
+        let (values, written, entries) = Default::default();
+        Self { origins: Origins { scene, ..Origins::default() }, values, written, entries, tables: Vec::new(), folder: folder.to_owned() }
     }
 
     /// Takes the settings of a scene's text.
@@ -57,14 +59,17 @@ impl Settings {
                 return Err(Error::Scene { origin: origin(table.span().start), key: name.into(), what: "is not a table".into(), right });
             };
             self.tables.push(name.into());
-            for (key, _) in keys.iter() {
+            for (key, content) in keys.iter() {
                 let dotted = format!("{name}.{}", key.get_ref());
-                let origin = format!("{} line {}", self.origins.scene, line_of(text, key.span().start));
+                let place = origin(key.span().start);
                 if keys::find(&dotted).is_none() {
-                    return Err(unknown(origin, &dotted, false));
+                    return Err(unknown(place, &dotted, false));
+                }
+                if let Some(list) = content.get_ref().as_array().filter(|l| l.iter().any(|e| e.get_ref().is_table())) {
+                    self.entries.insert(dotted.clone(), list.iter().map(|e| origin(e.span().start)).collect());
                 }
                 if let Some(value) = found.get(key.get_ref().as_ref()) {
-                    self.origins.keys.insert(dotted.clone(), origin);
+                    self.origins.keys.insert(dotted.clone(), place);
                     self.values.insert(dotted, value.clone());
                 }
             }
@@ -83,6 +88,7 @@ impl Settings {
         });
         self.values.insert(key.into(), value.unwrap_or_else(|| Value::String(text.into())));
         self.written.insert(key.into(), text.into());
+        self.entries.remove(key);
         self.origins.keys.insert(key.into(), COMMAND_LINE.into());
         Ok(())
     }
@@ -97,10 +103,20 @@ impl Settings {
         self.values.contains_key(key)
     }
 
+    /// Whether the command line sets `key`, itself or by its keyframes.
+    pub fn overrides(&self, key: &str) -> bool {
+        self.has(key) && self.origins.of(key).strip_prefix(COMMAND_LINE).is_some_and(|rest| rest.is_empty() || rest.starts_with(','))
+    }
+
+    /// Where an entry of a list of tables stands.
+    pub fn entry(&self, key: &str, i: usize) -> &str {
+        self.entries.get(key).and_then(|e| e.get(i)).map_or_else(|| self.origins.of(key), String::as_str)
+    }
+
     /// Two groups of keys of which a scene may have one: the command line's displaces the file's, both from one origin is
     /// an error. The first of each group is its main key.
     pub fn exclusive(&mut self, a: &[&str], b: &[&str]) -> Result<()> {
-        let over = |s: &Self, group: &[&str]| group.iter().any(|k| s.has(k) && s.origins.of(k) == COMMAND_LINE);
+        let over = |s: &Self, group: &[&str]| group.iter().any(|k| s.overrides(k));
         let (Some(key_a), Some(key_b)) = (a.iter().find(|k| self.has(k)), b.iter().find(|k| self.has(k))) else { return Ok(()) };
         let loser = match (over(self, a), over(self, b)) {
             (true, false) if self.has(a[0]) => b,
@@ -301,7 +317,7 @@ fn unknown(origin: String, name: &str, heads: bool) -> Error {
 }
 
 /// A scene's own words in an error: one line, and not endless.
-fn clamp(text: &str) -> String {
+pub(super) fn clamp(text: &str) -> String {
     const MOST: usize = 80;
     let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(MOST + 1).collect();
     if line.chars().count() > MOST { line.chars().take(MOST - 1).chain(['…']).collect() } else { line }

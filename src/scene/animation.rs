@@ -1,5 +1,6 @@
 //! Animation: keyframes of a scene's own keys, and the scene at a frame. Pure: a frame depends on its number alone.
 
+use super::camera::Framing;
 use super::clip::Clip;
 use super::frames::Pattern;
 use super::scene::{LightSource, Scene, TransferSource};
@@ -92,7 +93,8 @@ pub struct Series {
     pub file: PathBuf,
     /// The numbers that there are, ascending; empty: every one.
     pub numbers: Vec<i64>,
-    /// The number outside an animation; without one the first.
+    /// The number that is shown, in every frame unless it is animated; without one an animation shows one after the other,
+    /// and a still the first.
     pub number: Option<i64>,
 }
 
@@ -131,15 +133,26 @@ pub fn scene_at(scene: &Scene, frame: i64) -> Scene {
         let number = match animation.track("volume.number") {
             // Between two numbers the earlier one holds.
             Some(track) => (track.at(frame as f64)[0] + 1e-9).floor() as i64,
-            None => {
+            None => series.number.unwrap_or_else(|| {
                 let place = usize::try_from(frame.saturating_sub(animation.first)).unwrap_or(0);
                 series.numbers.get(place).or(series.numbers.last()).copied().unwrap_or(frame)
-            }
+            }),
         };
         out.volume.file = series.at(number);
     }
+    // Fitted to the box once, so that a changing field of view zooms and a changing target pans.
+    if ["camera.fov", "camera.target"].iter().any(|k| animation.track(k).is_some()) {
+        out.camera.fit = Some(Framing { target: scene.camera.target, fov_degrees: scene.camera.fov_degrees });
+    }
     for track in &animation.tracks {
         apply(&mut out, track, frame as f64);
+        // What is wrong with a value between two keyframes is said of both.
+        if let Some(places) = scene.origins.animated.get(track.channel) {
+            let (a, b, t) = track.neighbours(frame as f64);
+            let place = |i: usize| places.get(i).cloned().unwrap_or_default();
+            let text = if t == 0.0 { place(a) } else { format!("between {} and {}", place(a), place(b)) };
+            out.origins.keys.insert(track.channel.into(), text);
+        }
     }
     out
 }
@@ -187,25 +200,33 @@ fn apply(scene: &mut Scene, track: &Track, frame: f64) {
 }
 
 impl Track {
-    /// The two keyframes around a frame, and the eased way 0..1 from the first to the second.
-    fn between(&self, frame: f64) -> (&Keyframe, &Keyframe, f64) {
+    /// Places of the two keyframes around a frame, and the eased way 0..1 from the first to the second.
+    fn neighbours(&self, frame: f64) -> (usize, usize, f64) {
         let after = self.keys.partition_point(|k| k.frame <= frame);
-        let a = &self.keys[after.saturating_sub(1)];
-        let Some(b) = self.keys.get(after).filter(|_| after > 0) else { return (a, a, 0.0) };
+        let i = after.saturating_sub(1);
+        if after == 0 || after >= self.keys.len() {
+            return (i, i, 0.0);
+        }
+        let (a, b) = (&self.keys[i], &self.keys[after]);
         let t = (frame - a.frame) / (b.frame - a.frame);
         let eased = match a.ease {
             Ease::Linear => t,
             Ease::Smooth => t * t * (3.0 - 2.0 * t),
             Ease::Hold => 0.0,
         };
-        (a, b, eased)
+        (i, after, eased)
+    }
+
+    /// The keyframes themselves, and the way.
+    fn between(&self, frame: f64) -> (&Keyframe, &Keyframe, f64) {
+        let (a, b, t) = self.neighbours(frame);
+        (&self.keys[a], &self.keys[b], t)
     }
 
     /// The channel's numbers at a frame; each is interpolated alone.
     pub fn at(&self, frame: f64) -> Vec<f64> {
-        let after = self.keys.partition_point(|k| k.frame <= frame);
-        let i = after.saturating_sub(1);
-        let (a, b, t) = self.between(frame);
+        let (i, _, t) = self.neighbours(frame);
+        let (a, b, _) = self.between(frame);
         if t == 0.0 && std::ptr::eq(a, b) {
             return a.values.clone();
         }

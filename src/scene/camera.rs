@@ -52,6 +52,17 @@ pub struct CameraSettings {
     pub centre: Option<DVec3>,
     /// How far the camera stands from its target, in `space`; without one as far as its position says.
     pub distance: Option<f64>,
+    /// What shows the whole box where there is neither position nor distance; without one the camera itself.
+    pub fit: Option<Framing>,
+}
+
+/// A view that the whole box fits into: an animation's camera stands where this one would, while its own view changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Framing {
+    /// The point looked at, as [`CameraSettings::target`].
+    pub target: Option<DVec3>,
+    /// Vertical field of view, degrees.
+    pub fov_degrees: f64,
 }
 
 impl Default for CameraSettings {
@@ -65,7 +76,25 @@ impl Default for CameraSettings {
             orbit: None,
             centre: None,
             distance: None,
+            fit: None,
         }
+    }
+}
+
+impl CameraSettings {
+    /// The same camera with a position in place of a `fit`, for a volume on `grid` and a picture of width/height `aspect`:
+    /// what a scene's text can hold.
+    pub fn placed(&self, grid: &Grid, aspect: f64) -> Self {
+        let mut out = Self { fit: None, ..*self };
+        if let (Some(fit), None, None) = (self.fit, self.position, self.distance) {
+            let (centre, side) = (grid.centre_world(), grid.longest_side());
+            let offset = framing_offset(grid, fit.fov_degrees, aspect);
+            out.position = Some(match self.space {
+                Space::Side => fit.target.unwrap_or_default() + offset / side,
+                Space::World => fit.target.unwrap_or(centre) + offset,
+            });
+        }
+        out
     }
 }
 
@@ -104,6 +133,7 @@ impl Camera {
     /// As [`Camera::check`].
     pub fn from_settings(settings: &CameraSettings, grid: &Grid, aspect: f64) -> Result<Self> {
         check_fov(settings.fov_degrees)?;
+        let settings = &settings.placed(grid, aspect);
         let centre = grid.centre_world();
         let to_world = |p: DVec3| match settings.space {
             Space::Side => centre + p * grid.longest_side(),

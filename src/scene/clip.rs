@@ -5,7 +5,7 @@
 use super::camera::Space;
 use super::grid::Grid;
 use crate::error::{Error, Result};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Most planes besides the box.
 pub const MAX_PLANES: usize = 10;
@@ -42,6 +42,32 @@ impl Clip {
             return bad("clip.planes", format!("has {p:?}"), "each is [nx, ny, nz, d] with a normal that is not 0: n·p >= d is kept");
         }
         Ok(())
+    }
+
+    /// Whether nothing is left of a volume on `grid`: no corner of what the planes and the box's faces bound lies within all
+    /// of them. What is bounded and not empty has one.
+    pub fn keeps_nothing(&self, grid: &Grid) -> bool {
+        // A hair further in: what is only touched has no volume.
+        const HAIR: f64 = 1e-5;
+        let dims = grid.dims().map(|n| n as f64);
+        let mut planes: Vec<(DVec3, f64)> = Vec::new();
+        for (n, size) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().zip(dims) {
+            planes.extend([(n, -HAIR), (-n, size - HAIR)]);
+        }
+        for [x, y, z, d] in self.half_spaces(grid) {
+            let n = DVec3::new(x.into(), y.into(), z.into());
+            planes.extend(n.try_normalize().map(|unit| (unit, f64::from(d) / n.length() - HAIR)));
+        }
+        let inside = |p: DVec3| planes.iter().all(|(n, d)| n.dot(p) + d > -0.01 * HAIR);
+        (0..planes.len()).all(|i| {
+            (0..i).all(|j| {
+                (0..j).all(|k| {
+                    let [a, b, c] = [i, j, k].map(|p| planes[p]);
+                    let m = DMat3::from_cols(a.0, b.0, c.0).transpose();
+                    m.determinant().abs() < 1e-9 || !inside(m.inverse() * -DVec3::new(a.1, b.1, c.1))
+                })
+            })
+        })
     }
 
     /// The kept half spaces of a volume on `grid`, voxel space: n·p + d ≥ 0 as [n.x, n.y, n.z, d], |n| the change per voxel.
@@ -83,7 +109,7 @@ impl Clip {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use glam::{DAffine3, DMat3};
+    use glam::DAffine3;
 
     #[test]
     fn half_spaces_stand_where_the_words_say() {
@@ -113,6 +139,22 @@ mod tests {
         assert!(
             (f64::from(p[0]) * x + f64::from(p[1]) * y + f64::from(p[2]) * z + f64::from(p[3]) + 0.25 * grid.longest_side()).abs() < 1e-5
         );
+    }
+
+    #[test]
+    fn what_keeps_nothing_is_known() {
+        let grid = Grid::axis_aligned([10, 8, 6], [1.0, 0.5, 2.0]).unwrap();
+        let planes = |planes: &[[f64; 4]]| Clip { planes: planes.to_vec(), ..Clip::default() }.keeps_nothing(&grid);
+        // The longest side is 12: z spans -0.5 to 0.5 of it, x less.
+        assert!(!planes(&[]) && !planes(&[[0.0, 0.0, 1.0, 0.49]]) && planes(&[[0.0, 0.0, 1.0, 0.51]]));
+        assert!(!planes(&[[1.0, 0.0, 0.0, 0.41]]) && planes(&[[1.0, 0.0, 0.0, 0.42]]) && planes(&[[1.0, 0.0, 0.0, 5.0]]));
+        // Two that leave a wedge, and two that face away from each other.
+        assert!(!planes(&[[0.0, 0.0, 1.0, 0.1], [1.0, 0.0, -1.0, -0.15]]) && planes(&[[0.0, 0.0, 1.0, 0.1], [0.0, 0.0, -1.0, 0.1]]));
+        // No plane alone, but these three together with the box.
+        assert!(planes(&[[1.0, 0.0, 0.0, 0.3], [-1.0, 1.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0]]));
+        // The box's fractions against a plane.
+        let both = |d| Clip { bounds: Some([[0.0; 3], [1.0, 1.0, 0.25]]), planes: vec![[0.0, 0.0, 1.0, d]], space: Space::Side };
+        assert!(!both(-0.26).keeps_nothing(&grid) && both(-0.24).keeps_nothing(&grid));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::animation::{Animation, Series};
 use super::camera::{CameraSettings, Rays};
 use super::clip::Clip;
+use super::grid::Grid;
 use super::light::{Light, Probe};
 use super::picture::Picture;
 use super::sh::Window;
@@ -42,6 +43,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// The scene with its camera where it stands for a volume on `grid`, as its text holds it.
+    #[must_use]
+    pub fn placed(&self, grid: &Grid) -> Self {
+        Self { camera: self.camera.placed(grid, self.image.aspect()), ..self.clone() }
+    }
+
     /// The scene of a volume alone: every other setting at its default.
     pub fn of_volume(file: PathBuf) -> Self {
         Self {
@@ -67,6 +74,9 @@ pub struct Origins {
     pub scene: String,
     /// By dotted key.
     pub keys: BTreeMap<String, String>,
+    /// What an animation changes: by key, where each keyframe of its track stands. The file of a time series, `volume.file`,
+    /// has no keyframes.
+    pub animated: BTreeMap<String, Vec<String>>,
 }
 
 impl Origins {
@@ -78,6 +88,11 @@ impl Origins {
     /// The error of a key's value.
     pub fn error(&self, key: &str, what: impl Into<String>, right: impl Into<String>) -> Error {
         Error::Scene { origin: self.of(key).into(), key: key.into(), what: what.into(), right: right.into() }
+    }
+
+    /// Whether frames of an animation differ in what a surface meets: in its value, or in the data.
+    pub fn surface_moves(&self) -> bool {
+        ["surface.iso", "volume.file"].iter().any(|k| self.animated.contains_key(*k))
     }
 
     /// An [`Error::Invalid`] about a scene's key becomes the [`Error::Scene`] that says where the key stands.
@@ -196,6 +211,22 @@ impl Matter {
         self.surface.map(|s| s.albedo.unwrap_or_else(|| self.transfer.albedo(s.iso)))
     }
 
+    /// Whether the surface lies within data of this range: above there is none, below it is the volume's whole box.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] where it does not.
+    pub fn check_surface(&self, range: [f32; 2]) -> Result<()> {
+        let [lo, hi] = range;
+        match self.surface {
+            Some(s) if !(f64::from(lo)..=f64::from(hi)).contains(&s.iso) => Err(Error::Invalid {
+                item: "surface.iso",
+                what: format!("is {}, outside the data's range {lo} to {hi}", s.iso),
+                right: "choose a value within the range".into(),
+            }),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether nothing would be seen of data within `range`: no extinction anywhere, or no value reaches the surface.
     pub fn is_vacuum(&self, range: [f32; 2]) -> bool {
         match self.surface {
@@ -296,6 +327,13 @@ pub struct ImageSettings {
     pub exposure: f64,
     /// Whether rays leap over empty blocks; the picture is the same.
     pub skip: bool,
+}
+
+impl ImageSettings {
+    /// Width over height.
+    pub fn aspect(&self) -> f64 {
+        self.width as f64 / self.height as f64
+    }
 }
 
 /// Largest picture side that is taken seriously.

@@ -48,6 +48,7 @@ fn every_key_is_read() {
         orbit: Some((DVec3::Z, 30.0)),
         centre: Some(DVec3::ONE),
         distance: Some(4.0),
+        fit: None,
     };
     assert_eq!(s.camera, camera);
     let image =

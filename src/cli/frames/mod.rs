@@ -145,7 +145,7 @@ impl Run<'_> {
     /// Renders and writes a frame; `false` where its file is whole and of this scene already. An error says what it ends.
     fn frame(&mut self, place: usize, path: &Path, going: &dyn Fn() -> bool, paid: &mut Paid) -> Result<bool, (Failure, Ends)> {
         let scene = &self.scenes[place];
-        let first = self.tally.is_empty();
+        let (frame, first) = (self.asked.frames[place], self.tally.is_empty());
         let own = |f: Failure| {
             let ends = match f.code {
                 3 => Ends::Frame,
@@ -157,15 +157,12 @@ impl Run<'_> {
             (f, ends)
         };
         let output = self.asked.output(path).map_err(|f| (f, Ends::Rest))?;
-        let volume = self.session.volume_hash(scene, going, paid).map_err(own)?;
+        let (volume, grid) = self.session.volume_hash(scene, going, paid).map_err(own)?;
+        let scene = &scene.placed(&grid);
         // Probe and preset are those of all frames.
         let hash = fingerprint::frame(scene, &volume, &mut self.files, &self.asked.written.text()).map_err(|f| (f, Ends::Run))?;
-        let animation = self.asked.scene.animation.as_ref();
-        let mut meta = vec![
-            ("frame".to_owned(), self.asked.frames[place].to_string()),
-            ("rate".to_owned(), animation.map_or(24.0, |a| a.rate).to_string()),
-            ("scene_hash".to_owned(), hash),
-        ];
+        let rate = self.asked.scene.animation.as_ref().map_or(24.0, |a| a.rate).to_string();
+        let mut meta = vec![("frame".to_owned(), frame.to_string()), ("rate".to_owned(), rate.clone()), ("scene_hash".to_owned(), hash)];
         if self.asked.skip && is_whole(path, &meta) {
             return Ok(false);
         }
@@ -178,7 +175,11 @@ impl Run<'_> {
         if let Some(engine) = self.session.engine() {
             meta.push(("device".into(), format!("{}; {}", engine.device().name, engine.device().driver)));
         }
-        meta.extend(self.session.field_meta.iter().cloned());
+        meta.push((io::FRAMES_PER_SECOND.into(), rate));
+        meta.extend(self.session.camera_meta.iter().chain(&self.session.field_meta).cloned());
+        if let Some(why) = &self.session.unseen {
+            log::warn!("frame {frame}: {why}");
+        }
         paid.time(session::WRITE, || self.asked.written.write(&output, &layers, scene, &meta)).map_err(|f| (f, Ends::Rest))?;
         Ok(true)
     }

@@ -10,9 +10,10 @@ use crate::cli::layers::{Layers, Written};
 use crate::cli::load;
 use crate::cli::{Context, field_file};
 use halflight::engine::{DeviceVolume, Engine, Field, Lit, Medium};
+use halflight::io;
 use halflight::scene::scene::{LightSource, TransferSource, VolumeSettings};
 use halflight::scene::visibility::{Method, Sampling};
-use halflight::scene::{Camera, Clip, Light, Matter, Probe, Scene, Visibility, Volume};
+use halflight::scene::{Camera, Clip, Grid, Light, Matter, Probe, Scene, Visibility, Volume};
 use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -95,14 +96,18 @@ pub struct Session<'a> {
     engine: Option<Engine>,
     probe: Option<(PathBuf, Probe, Light)>,
     read: Option<Read>,
-    /// Hashes of the volumes seen so far, by file: of a frame nothing else of its volume changes.
-    hashes: HashMap<PathBuf, String>,
+    /// Hashes and grids of the volumes seen so far, by file: of a frame nothing else of its volume changes.
+    hashes: HashMap<PathBuf, (String, Grid)>,
     on_device: Option<DeviceVolume>,
     classified: Option<Classified>,
     computed: Option<Computed>,
     lit: Option<(Light, Lit)>,
     /// What was measured of a loaded field.
     pub field_meta: Vec<(String, String)>,
+    /// Where the last picture's camera stood.
+    pub camera_meta: Vec<(String, String)>,
+    /// Why the last picture shows nothing, or only the volume's box.
+    pub unseen: Option<String>,
     /// The most that a scene was said to need, bytes.
     pub estimate: u64,
 }
@@ -132,6 +137,8 @@ impl<'a> Session<'a> {
             computed: None,
             lit: None,
             field_meta: Vec::new(),
+            camera_meta: Vec::new(),
+            unseen: None,
             estimate: 0,
         }
     }
@@ -146,11 +153,11 @@ impl<'a> Session<'a> {
         self.store.as_ref()
     }
 
-    /// What the scene's volume holds; it is read if this is not known.
-    pub fn volume_hash(&mut self, scene: &Scene, going: Going, paid: &mut Paid) -> Result<String, Failure> {
+    /// What the scene's volume holds, and its place; it is read if this is not known.
+    pub fn volume_hash(&mut self, scene: &Scene, going: Going, paid: &mut Paid) -> Result<(String, Grid), Failure> {
         match self.hashes.get(&scene.volume.file) {
-            Some(hash) => Ok(hash.clone()),
-            None => Ok(self.volume(scene, going, paid)?.1),
+            Some(known) => Ok(known.clone()),
+            None => self.volume(scene, going, paid).map(|(volume, hash)| (hash, *volume.grid())),
         }
     }
 
@@ -161,7 +168,7 @@ impl<'a> Session<'a> {
             let volume = paid.time(READ, || load::volume_while(scene, going))?;
             keep_on(going)?;
             let hash = paid.time(READ, || fingerprint::volume(&volume));
-            self.hashes.insert(scene.volume.file.clone(), hash.clone());
+            self.hashes.insert(scene.volume.file.clone(), (hash.clone(), *volume.grid()));
             self.read = Some(Read { settings: scene.volume.clone(), volume: Rc::new(volume), hash });
         }
         let read = self.read.as_ref().ok_or_else(lost)?;
@@ -194,7 +201,7 @@ impl<'a> Session<'a> {
 
     fn keys(&mut self, scene: &Scene, going: Going) -> Result<Keys, Failure> {
         let (volume, hash) = self.volume(scene, going, &mut Paid::default())?;
-        let matter = load::checked_matter(scene, &volume)?;
+        let matter = load::matter(scene, &volume)?;
         Ok(Keys { volume: hash, matter: fingerprint::matter(&matter, scene, &volume) })
     }
 
@@ -243,6 +250,7 @@ impl<'a> Session<'a> {
             self.classified = Some(Classified { transfer: scene.transfer.clone(), matter, clip: scene.clip.clone(), medium, hash });
         }
         let classified = self.classified.as_ref().ok_or_else(lost)?;
+        self.unseen = load::unseen(scene, &classified.matter, &volume);
         let mut settings = scene.visibility.clone();
         if self.given.is_none() && !scene.origins.keys.contains_key("visibility.bands") {
             settings.bands = halflight::plan::needed_bands(&light, scene.surface.as_ref()).min(settings.bands);
@@ -290,8 +298,8 @@ impl<'a> Session<'a> {
             self.lit = Some((light, paid.time(RELIGHT, || engine.relight(&computed.field, &light))?));
         }
         let (_, lit) = self.lit.as_ref().ok_or_else(lost)?;
-        let aspect = scene.image.width as f64 / scene.image.height as f64;
-        let camera = Camera::from_settings(&scene.camera, volume.grid(), aspect).map_err(blame)?;
+        let camera = Camera::from_settings(&scene.camera, volume.grid(), scene.image.aspect()).map_err(blame)?;
+        self.camera_meta = io::camera_meta(&camera).map_err(blame)?;
         let medium = &classified.medium;
         let (mut picture, hits) =
             paid.time(RENDER, || engine.render_with_distance(medium, lit, &camera, &scene.image, &mut job(going))).map_err(blame)?;
