@@ -247,7 +247,7 @@ fn the_command_line_takes_the_place_of_a_track() {
     // Keyframes from the command line take the place of the file's, and of the file's rival; and stand beside its own keys.
     let file = text.replace("[animation]", "[transfer]\nfile = \"t.json\"\n[animation]");
     let refused = parse_scene(&file, "s.toml", Path::new(""), &[]).expect_err("a pair").to_string();
-    assert!(refused.contains("`transfer.file` cannot stand beside `transfer.points`"), "{refused}");
+    assert!(refused.contains("s.toml line 7, keyframe 1: `transfer.points` cannot stand beside `transfer.file`"), "{refused}");
     let keyframes = "[{ frame = 1, transfer.points = [[0, 1, 1, 1, 0], [9, 1, 1, 1, 1]], camera.fov = 30 }]";
     let given = [("animation.keyframe", keyframes), ("camera.fov", "50")];
     let scene = parse_scene(&file, "s.toml", Path::new(""), &given).expect("a good scene");
@@ -301,7 +301,7 @@ fn what_is_wrong_is_said_with_its_keyframe() {
         ("transfer.points = []", "`transfer.points` is unusable: "),
         ("transfer.points = [[0, 1]]", "`transfer.points` has [0, 1] as its point 0; it must be a list of points"),
         ("clip.planes = [1, 0, 0, 1]", "`clip.planes` has 1 as its point 0; it must be a list of planes"),
-        ("volume.number = \"x\"", "`volume.number` is \"x\"; it must be a whole number"),
+        ("surface.iso = [1]", "`surface.iso` is [1]; it must be a finite number"),
         ("light.constant = 1", "`light.constant` is 1; it must be three numbers"),
     ] {
         let said = one(&format!("frame = 1\nlight.scale = 1\n[[animation.keyframe]]\nframe = 2\n{value}"));
