@@ -89,7 +89,7 @@ pub fn scene_args(used: &[&str]) -> Vec<Arg> {
             .allow_negative_numbers(!k.value.starts_with('['))
     };
     let set = Arg::new("set").long("set").value_name("KEY=VALUE").action(ArgAction::Append).help(if many {
-        "override a key of the scene, and its animation: --set visibility.ratio=2 (or --visibility.ratio 2); --help lists all keys"
+        "override a key, animated or not: --set visibility.ratio=2 (or --visibility.ratio 2); --help lists all keys"
     } else {
         "override a key: --set light.scale=2 (or --light.scale 2)"
     });

@@ -38,7 +38,12 @@ pub const KEYS: &[Key] = &[
     key("volume.endian", "little|big", "little", "byte order of a headerless file"),
     key("volume.offset", "BYTES", "0", "bytes before the first sample of a headerless file"),
     key("volume.nan_as", "VALUE", "an error", "what NaN and infinite samples are replaced by"),
-    key("volume.number", "N", "the first", "which file of a time series: takes the place of #### (or %04d) in volume.file"),
+    key(
+        "volume.number",
+        "N",
+        "the first; in an animation each frame's own",
+        "which file of a time series: takes the place of #### (or %04d) in volume.file",
+    ),
     key("volume.numbers", "RANGE", "every frame's own", "the files of a time series that there are: \"0-500x10\""),
     key("transfer.points", "[[S, R, G, B, A], …]", "a grey ramp", "scalar, linear RGB albedo and opacity of each point, ascending"),
     key("transfer.kind", "opacity|extinction", "opacity", "what the last number of a point means"),
