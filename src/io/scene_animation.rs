@@ -5,6 +5,7 @@ use super::settings::{Settings, clamp};
 use crate::error::{Error, Result};
 use crate::scene::animation::{Animation, CHANNELS, Ease, Keyframe, Shape, Track};
 use crate::scene::keys::nearest;
+use glam::DVec3;
 use std::path::Path;
 use toml::{Table, Value};
 
@@ -103,12 +104,25 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
             Some(track) if shape != Shape::Points && track.keys[0].values.len() != key.values.len() => {
                 return bad("has another number of rows than the one before in", "give all keyframes as many");
             }
+            Some(track)
+                if ["light.rotate", "camera.orbit"].contains(&name) && track.keys.last().is_some_and(|last| opposite(last, &key)) =>
+            {
+                return bad("has an axis opposite to that of the keyframe before in", "keep the axis and turn by an angle below 0");
+            }
             Some(track) => track.keys.push(key),
         }
         let place = origin(s, i);
         s.origins.animated.entry(name.into()).or_default().push(place);
     }
     Ok(Some(animation))
+}
+
+/// Whether the way from one turn to the next leads through an axis that is none.
+fn opposite(from: &Keyframe, to: &Keyframe) -> bool {
+    let axis = |k: &Keyframe| DVec3::new(k.values[0], k.values[1], k.values[2]);
+    let (a, way) = (axis(from), axis(to) - axis(from));
+    let nearest = a + way * (-a.dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    from.ease != Ease::Hold && nearest.length() < 1e-3 * a.length().min(axis(to).length())
 }
 
 /// What is wrong with a keyframe, at its own line.
