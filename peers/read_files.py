@@ -103,6 +103,11 @@ def tiff():
         sets = a.transpose([axes.index(axis) for axis in kept + 'ZYX']).reshape(-1, 4, 5, 7)
         for i, volume in enumerate(sets):
             check('tifffile, hyperstacks', path, volume, more=('--volume.component', str(i)))
+    # One axis alone is slices, as tifffile's own defaults call it channels.
+    for name in ['imagej', 'ome']:
+        a, path = array('uint16', (6, 5, 7)), f'{folder}/alone.{name}.tif'
+        tifffile.imwrite(path, a, photometric='minisblack', imagej=name == 'imagej', ome=name == 'ome')
+        check('tifffile, hyperstacks', path, a)
     # One directory for all slices: the sentence says how they are read.
     a, path = array('uint16', (6, 5, 7)), f'{folder}/single.tif'
     tifffile.imwrite(path, a, imagej=True, metadata={'axes': 'ZYX'}, truncate=True)

@@ -25,8 +25,16 @@ pub(crate) fn zeroed<T: Zeroable>(what: &str, len: usize) -> Result<Vec<T>> {
 /// [`Error::NoMemory`].
 pub(crate) fn reserved<T>(what: &str, len: usize) -> Result<Vec<T>> {
     let mut room = Vec::new();
-    room.try_reserve_exact(len).map_err(|_| refused::<T>(what, len))?;
+    more(|| what.to_owned(), &mut room, len)?;
     Ok(room)
+}
+
+/// Room for `add` more.
+///
+/// # Errors
+/// [`Error::NoMemory`] with what `what` says.
+pub(crate) fn more<T>(what: impl FnOnce() -> String, room: &mut Vec<T>, add: usize) -> Result<()> {
+    room.try_reserve_exact(add).map_err(|_| refused::<T>(&what(), room.len().saturating_add(add)))
 }
 
 #[cfg(test)]

@@ -314,9 +314,10 @@ fn what_is_wrong_is_said_with_its_keyframe() {
     assert!(said.starts_with("command line, keyframe 1: `camera.fov` is 999"), "{said}");
     assert!(one("frame = 1\nease = \"cubic\"").contains("\"linear\", \"smooth\" or \"hold\""));
     assert!(one("frame = 1\nlight.rotate = [0, 0, 1]").contains("`light.rotate` is [0, 0, 1]; it must be an axis and degrees"));
-    let turned = |ease: &str, axis: &str| {
-        let keyframes =
-            format!("frame = 1\nease = \"{ease}\"\ncamera.orbit = [0, 0, 1, 0]\n[[animation.keyframe]]\nframe = 3\ncamera.orbit = {axis}");
+    let turned = |ease: &str, axis: &str, last: i32| {
+        let keyframes = format!(
+            "frame = 1\nease = \"{ease}\"\ncamera.orbit = [0, 0, 1, 0]\n[[animation.keyframe]]\nframe = {last}\ncamera.orbit = {axis}"
+        );
         parse_scene(
             &format!("[volume]\nfile = \"v\"\n[animation]\nframes = 3\n[[animation.keyframe]]\n{keyframes}\n"),
             "s.toml",
@@ -324,13 +325,15 @@ fn what_is_wrong_is_said_with_its_keyframe() {
             &[],
         )
     };
-    let said = turned("linear", "[0, 0, -2, 90]").expect_err("no axis half way").to_string();
+    let said = turned("linear", "[0, 0, -2, 90]", 3).expect_err("no axis half way").to_string();
     assert!(
         said.contains("line 9: `animation.keyframe` number 2 has an axis opposite to that of the keyframe before in `camera.orbit`"),
         "{said}"
     );
-    for (ease, axis) in [("hold", "[0, 0, -2, 90]"), ("smooth", "[0, 0.1, -2, 90]"), ("linear", "[1, 0, 0, 90]")] {
-        assert!(turned(ease, axis).is_ok(), "{ease} {axis}");
+    for (ease, axis, last) in
+        [("hold", "[0, 0, -2, 90]", 3), ("smooth", "[0, 0.1, -2, 90]", 3), ("linear", "[1, 0, 0, 90]", 3), ("linear", "[0, 0, -2, 90]", 2)]
+    {
+        assert!(turned(ease, axis, last).is_ok(), "{ease} {axis}");
     }
     assert!(one("frame = 1\ncamera.fov = 999").contains("s.toml line 5, keyframe 1: `camera.fov` is 999; it must lie in 1..170"));
     assert!(one("frame = 1\nlight.rotate = [0, 0, 0, 5]").contains("axis of length 0"));

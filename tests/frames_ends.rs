@@ -8,7 +8,8 @@ use serde_json::Value;
 use std::path::Path;
 
 /// Three steps of a series, the third of them missing, the others the same bytes.
-const SERIES: &str = "[volume]\nfile = \"step_#.nrrd\"\n[visibility]\nmethod = \"sweep\"\ndirections = 16\n[image]\nwidth = 8\nheight = 8\n\
+const SERIES: &str = "[volume]\nfile = \"step_#.nrrd\"\n[transfer]\npoints = [[0, 1, 1, 1, 0], [255, 1, 1, 1, 0.5]]\n\
+                      [visibility]\nmethod = \"sweep\"\ndirections = 16\n[image]\nwidth = 8\nheight = 8\n\
                       [animation]\nframes = 4\n";
 
 fn with_series() -> tempfile::TempDir {
@@ -90,9 +91,13 @@ fn json_of_a_run_that_is_stopped_sums_up_too() {
     for how in [&["--json"][..], &["--progress", "json"]] {
         let out = format!("{}/f.#.exr", how.len());
         let mut command = Command::new(env!("CARGO_BIN_EXE_halflight"));
-        command.current_dir(here.path()).args(["frames", "s.toml", "-o", &out, "--no-reuse", "--visibility.directions", "2000"]).args(how);
-        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command runs");
+        command
+            .current_dir(here.path())
+            .args(["frames", "s.toml", "-o", &out, "--no-reuse", "--visibility.directions", "4000", "--visibility.ratio", "1"])
+            .args(how);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command runs");
         while !here.path().join(out.replace('#', "1")).exists() {
+            assert!(child.try_wait().expect("a child").is_none(), "it ended before its first frame");
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("kill").success());

@@ -91,8 +91,12 @@ fn channels_and_times_in_pages_are_chosen() {
     assert_eq!(slices(&pick(&both, "c1t1").unwrap()), [7, 9, 11]);
     let times = dir.file("t.tif", &[&numbered(6, &imagej("images=6\nslices=3\nframes=2\n"))]);
     assert_eq!(slices(&pick(&times, "1").unwrap()), [3, 4, 5]);
-    // Slices, or times alone, are the third axis.
-    for rest in ["images=6\nslices=6\n", "images=6\nframes=6\n", ""] {
+    // Flat pictures of channels at times: these are the third axis.
+    let flat = dir.file("f.tif", &[&numbered(6, &imagej("images=6\nchannels=2\nframes=3\n"))]);
+    says(read(&flat), &["3 slices of 2 channels (ImageJ)"]);
+    assert_eq!(slices(&pick(&flat, "1").unwrap()), [1, 3, 5]);
+    // One axis alone is the third, whatever it is called.
+    for rest in ["images=6\nslices=6\n", "images=6\nframes=6\n", "images=6\nchannels=6\n", ""] {
         assert_eq!(slices(&read(&dir.file("s.tif", &[&numbered(6, &imagej(rest))])).unwrap()), [0, 1, 2, 3, 4, 5]);
     }
     let cut = dir.file("d.tif", &[&numbered(5, &imagej("images=6\nchannels=2\nslices=3\n"))]);
@@ -129,7 +133,19 @@ fn ome_tiff_has_its_own_order() {
     // Slices alone, also where the others lie in other files.
     assert_eq!(slices(&read(&file(3, &ome("XYZCT", [3, 1, 1], ""))).unwrap()), [0, 1, 2]);
     assert_eq!(slices(&read(&file(1, &ome("XYZCT", [3, 2, 1], ""))).unwrap()), [0]);
-    says(read(&file(3, &ome("XYZCT", [3, 2, 1], ""))), &["counts 3 slices of 2 channels (OME-TIFF), it has 3 pages"]);
+    assert_eq!(slices(&read(&file(3, &ome("XYZCT", [3, 2, 1], ""))).unwrap()), [0, 1, 2]);
+    let in_files = |names: [&str; 2]| {
+        let of = |c: usize, name: &str| format!("<TiffData FirstC=\"{c}\" IFD=\"0\"><UUID FileName=\"{name}\">u</UUID></TiffData>");
+        ome("XYZCT", [3, 2, 1], &(of(0, names[0]) + &of(1, names[1])))
+    };
+    assert_eq!(slices(&read(&file(3, &in_files(["a.tif", "b.tif"]))).unwrap()), [0, 1, 2]);
+    assert_eq!(slices(&pick(&file(6, &in_files(["a.tif", "b.tif"])), "1").unwrap()), [3, 4, 5]);
+    says(pick(&file(6, &in_files(["o.tif", "o.tif"])), "1"), &["a plane at page 0 that is due at 3"]);
+    says(read(&file(4, &ome("XYZCT", [3, 2, 1], ""))), &["counts 3 slices of 2 channels (OME-TIFF), it has 4 pages"]);
+    // One axis alone is slices, whatever it is called.
+    for size in [[1, 3, 1], [1, 1, 3]] {
+        assert_eq!(slices(&read(&file(3, &ome("XYZCT", size, ""))).unwrap()), [0, 1, 2]);
+    }
     let image = ome("XYZCT", [3, 1, 1], "");
     says(read(&file(6, &(image.clone() + &image))), &["it holds 2 images (OME-TIFF)", "save it alone"]);
     // What is cut off, or no XML, says nothing.

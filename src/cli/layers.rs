@@ -115,11 +115,11 @@ impl Written {
             let gain = scene.image.exposure;
             let mut meta = meta.to_vec();
             meta.push(("view".into(), format!("radiance times 2^{gain}, clamped to 0..1, sRGB (IEC 61966-2-1), no tone mapping")));
-            io::write_png(&output.path, &layers.picture, gain as f32, &meta)?;
+            io::write_png(output.place()?, &layers.picture, gain as f32, &meta)?;
             return Ok(());
         }
         let channels: Vec<ExrChannel> = self.aovs.iter().flat_map(|&i| layer_channels(i, &layers.behind)).map(channel).collect();
-        io::write_exr_layers(&output.path, &layers.picture, &channels, self.options, meta)?;
+        io::write_exr_layers(output.place()?, &layers.picture, &channels, self.options, meta)?;
         Ok(())
     }
 }

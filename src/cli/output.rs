@@ -21,14 +21,14 @@ pub struct Output {
     pub path: PathBuf,
     pub kind: Kind,
     /// Made in vain, it goes again.
-    _folder: Folder,
+    folder: Folder,
 }
 
 impl Output {
     /// Checks `path`, and makes its folder where that is missing.
     pub fn check(path: &Path, kinds: &[(&str, Kind)]) -> Result<Self, Failure> {
         let kind = Self::kind(path, kinds)?;
-        Ok(Self { path: path.to_owned(), kind, _folder: Folder::around(&Self::file(path)?)? })
+        Ok(Self { path: path.to_owned(), kind, folder: Folder::around(&Self::file(path)?)? })
     }
 
     /// What the extension of `path` says.
@@ -62,11 +62,19 @@ impl Output {
         Ok(())
     }
 
+    /// Where to write now: another run that made the folder, and ended in vain, may have taken it away meanwhile.
+    pub fn place(&self) -> Result<&Path, Failure> {
+        if !self.folder.path.is_dir() {
+            self.folder.again()?;
+        }
+        Ok(&self.path)
+    }
+
     /// The picture, as the extension says. `meta` goes into the file's header.
     pub fn write(&self, picture: &Picture, exposure: f64, meta: &[(String, String)]) -> Result<(), Failure> {
         match self.kind {
-            Kind::Exr => io::write_exr(&self.path, picture, meta)?,
-            _ => io::write_png(&self.path, picture, exposure as f32, meta)?,
+            Kind::Exr => io::write_exr(self.place()?, picture, meta)?,
+            _ => io::write_png(self.place()?, picture, exposure as f32, meta)?,
         }
         Ok(())
     }
@@ -101,9 +109,14 @@ impl Folder {
     pub fn make(path: &Path) -> Result<Self, Failure> {
         let missing = path.ancestors().filter(|p| !p.as_os_str().is_empty() && !p.exists()).map(Path::to_owned).collect();
         let made = Self { path: path.to_owned(), made: missing };
-        std::fs::create_dir_all(path).map_err(|source| Error::Io { path: path.to_owned(), action: "make this folder", source })?;
+        made.again()?;
         check_folder(path)?;
         Ok(made)
+    }
+
+    fn again(&self) -> Result<(), Failure> {
+        let fail = |source| Error::Io { path: self.path.clone(), action: "make this folder", source };
+        Ok(std::fs::create_dir_all(&self.path).map_err(fail)?)
     }
 
     /// What is in it.

@@ -53,7 +53,7 @@ fn computed(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), 
     }
     bar.check()?;
     bar.enter("write");
-    io::write_nrrd_field(&output.path, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
+    io::write_nrrd_field(output.place()?, field.dims(), scene.visibility.coefficients(), &data, loaded.volume.grid(), &meta)?;
     drop(bar);
     finish(context, report, &engine, &spans, &output)
 }

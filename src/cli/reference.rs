@@ -59,7 +59,7 @@ pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<()
     let mut meta = picture_header(&scene, &loaded, &engine, &spans)?;
     meta.push(("reference".into(), format!("{samples} samples a pixel, relative standard error {error:.6}")));
     match output.kind {
-        Kind::Exr => io::write_exr_with_error(&output.path, &picture, &reference.standard_error, &meta)?,
+        Kind::Exr => io::write_exr_with_error(output.place()?, &picture, &reference.standard_error, &meta)?,
         _ => output.write(&picture, scene.image.exposure, &meta)?,
     }
     drop(bar);

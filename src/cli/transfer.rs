@@ -69,7 +69,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         _ => vec![choose(path, presets, name)?],
     };
     let (text, lost) = convert(&chosen, format, range)?;
-    write_aside(&output.path, |file| {
+    write_aside(output.place()?, |file| {
         file.write_all(text.as_bytes()).map_err(|source| Error::Io { path: output.path.clone(), action: "write", source })
     })?;
     report.line("presets", format!("{} for {}", many(chosen.len(), "preset"), format.name()));

@@ -436,9 +436,10 @@ impl Engine {
 fn within_reach(iso: f64, range: [f32; 2]) -> f64 {
     let [lo, hi] = range.map(f64::from);
     let margin = (hi - lo).max(0.01 * lo.abs().max(hi.abs())).max(1e-6);
+    // Finite as a 32-bit float, with what surrounds it.
     match iso {
-        iso if iso > hi => hi + margin,
-        iso if iso < lo => lo - margin,
+        iso if iso > hi => (hi + margin).min(3.4e38),
+        iso if iso < lo => (lo - margin).max(-3.4e38),
         iso => iso,
     }
 }
@@ -458,5 +459,23 @@ fn encode(samples: &Samples, stored: SampleType, first: usize, bytes: &mut [u8])
         Samples::U16(s) => put(bytes, s[first..].iter().map(|&v| word(v.into()).to_ne_bytes())),
         Samples::I16(s) => put(bytes, s[first..].iter().map(|&v| word(v.into()).to_ne_bytes())),
         Samples::F32(s) => put(bytes, s[first..].iter().map(|&v| v.to_ne_bytes())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::within_reach;
+
+    #[test]
+    fn an_iso_value_beyond_the_data_stays_beyond_them_and_finite() {
+        for range in [[0.0f32, 255.0], [-1.0, 1.0], [5.0, 5.0], [-3e38, 3e38], [-1e-30, 1e-30]] {
+            let [lo, hi] = range.map(f64::from);
+            for far in [3.3e38, 3.4e38] {
+                let (above, below) = (within_reach(far, range), within_reach(-far, range));
+                assert!(above > hi && below < lo && (above as f32).is_finite() && (below as f32).is_finite(), "{range:?}: {below} {above}");
+                assert!((above as f32) > range[1] && (below as f32) < range[0], "{range:?}");
+            }
+            assert_eq!(within_reach(0.5 * (lo + hi), range), 0.5 * (lo + hi));
+        }
     }
 }

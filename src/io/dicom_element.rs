@@ -4,7 +4,8 @@
 
 pub(super) use super::dicom_tags::*;
 use super::limits::{bad, io, open, quote};
-use crate::error::Result;
+use crate::error::{Result, shown};
+use crate::room::more;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -316,10 +317,7 @@ pub(super) fn part(path: &Path, at: u64, length: u64, out: &mut Vec<u8>) -> Resu
         ));
     }
     file.seek(SeekFrom::Start(at)).map_err(|e| io(path, "read", e))?;
-    out.try_reserve_exact(length as usize).map_err(|_| {
-        let what = format!("{} of host memory for a slice are not to be had", crate::error::bytes(length));
-        io(path, "read", std::io::Error::new(std::io::ErrorKind::OutOfMemory, what))
-    })?;
+    more(|| format!("{}: a slice", shown(path)), out, length as usize)?;
     let before = out.len();
     file.take(length).read_to_end(out).map_err(|e| io(path, "read", e))?;
     match (out.len() - before) as u64 == length {

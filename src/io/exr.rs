@@ -114,8 +114,8 @@ fn matrix(text: &str) -> Option<[f32; 16]> {
     numbers?.try_into().ok()
 }
 
-/// The fraction of a rate: that with the smallest denominator, up to the 1001 of television, which is not off by a hundred-millionth: two of those
-/// lie further apart.
+/// The fraction of a rate: that with the smallest denominator, up to the 1001 of television, which is not off by a
+/// hundred-millionth: two of those lie further apart.
 fn fraction(text: &str) -> Option<(i32, u32)> {
     let rate: f64 = text.parse().ok().filter(|r| (1e-3..=1e6).contains(r))?;
     let off = |n: u32| ((rate * f64::from(n)).round() / f64::from(n) / rate - 1.0).abs();

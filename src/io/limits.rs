@@ -2,6 +2,7 @@
 //! really there, and the text of a file enters an error message only clamped and escaped.
 
 use crate::error::{Error, Result, bytes, escaped, shown};
+use crate::room::more;
 use crate::scene::Grid;
 use flate2::bufread::{GzDecoder, ZlibDecoder};
 use glam::DAffine3;
@@ -262,10 +263,8 @@ pub(crate) fn grow<T>(path: &Path, vec: &mut Vec<T>, add: usize, total: usize) -
         return Ok(());
     }
     let wanted = (vec.capacity() * 2).min(total).max(vec.len() + add);
-    vec.try_reserve_exact(wanted - vec.len()).map_err(|_| {
-        let what = format!("{} of host memory for the samples are not to be had", bytes((wanted * size_of::<T>()) as u64));
-        io(path, "read", std::io::Error::new(std::io::ErrorKind::OutOfMemory, what))
-    })
+    let add = wanted - vec.len();
+    more(|| format!("{}: what it holds", shown(path)), vec, add)
 }
 
 /// Reads until `buf` is full or the data end; what was read before an error counts.

@@ -117,12 +117,12 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
     Ok(Some(animation))
 }
 
-/// Whether the way from one turn to the next leads through an axis that is none.
+/// Whether the way from one turn to the next, where a frame lies on it, leads through an axis that is none.
 fn opposite(from: &Keyframe, to: &Keyframe) -> bool {
     let axis = |k: &Keyframe| DVec3::new(k.values[0], k.values[1], k.values[2]);
     let (a, way) = (axis(from), axis(to) - axis(from));
     let nearest = a + way * (-a.dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    from.ease != Ease::Hold && nearest.length() < 1e-3 * a.length().min(axis(to).length())
+    from.ease != Ease::Hold && from.frame.floor() + 1.0 < to.frame && nearest.length() < 1e-3 * a.length().min(axis(to).length())
 }
 
 /// What is wrong with a keyframe, at its own line.

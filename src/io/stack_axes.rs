@@ -8,6 +8,7 @@ use super::limits::bad;
 use super::stack_picture::Form;
 use super::xml::{Form as TagForm, Tags};
 use crate::error::Result;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Bytes of a description that are looked at: OME-XML may tell all of a microscope before its planes.
@@ -47,12 +48,17 @@ impl Axes {
         self.counts.iter().fold(1, |n, &c| n.saturating_mul(c))
     }
 
+    /// Whether pages follow one axis alone: whatever it is called, they are slices.
+    fn are_one(&self) -> bool {
+        self.counts.iter().filter(|n| **n > 1).count() < 2
+    }
+
     /// "4 slices of 3 channels (ImageJ)".
     fn says(&self) -> String {
         let [z, c, t] = self.counts;
         let times = if t > 1 { format!(" at {t} times") } else { String::new() };
         let channels = if c > 1 { format!(" of {c} channels") } else { String::new() };
-        format!("{z} slices{channels}{times} ({})", self.by)
+        format!("{z} slice{}{channels}{times} ({})", if z == 1 { "" } else { "s" }, self.by)
     }
 
     /// Those of `pages` that belong to the channel and time that are wanted.
@@ -98,14 +104,20 @@ fn imagej(path: &Path, text: &str, form: &Form, pages: &[usize], behind: &Behind
         let count = (c == 1 && form.channels == 1 && all == left).then_some(images);
         return Err(headerless(path, format!("its description (ImageJ) counts {images} slices"), count, form, behind));
     }
-    if pages.len() == 1 || c == 1 && (t == 1 || z == 1) {
+    let axes = Axes::new([z, c, t], "CZT", "ImageJ");
+    if pages.len() == 1 || axes.are_one() {
         return Ok(None);
     }
-    checked(path, Axes::new([z, c, t], "CZT", "ImageJ"), pages)
+    checked(path, axes, pages)
 }
 
 /// Axes that fit the pages.
-fn checked(path: &Path, axes: Axes, pages: &[usize]) -> Result<Option<Axes>> {
+fn checked(path: &Path, mut axes: Axes, pages: &[usize]) -> Result<Option<Axes>> {
+    if axes.counts[0] == 1 {
+        // Flat pictures at several times: these are the third axis.
+        axes.counts.swap(0, 2);
+        axes.strides.swap(0, 2);
+    }
     match axes.total() == pages.len() {
         true => Ok(Some(axes)),
         false => {
@@ -131,6 +143,7 @@ fn headerless(path: &Path, what: String, count: Option<usize>, form: &Form, behi
 fn ome(path: &Path, description: &[u8], form: &Form, pages: &[usize]) -> Result<Option<Axes>> {
     let mut tags = Tags::new(path, description);
     let (mut axes, mut images, mut planes) = (None, 0, 0usize);
+    let (mut files, mut elsewhere) = (BTreeSet::new(), None);
     // What is no XML behind, or is cut off, says no more.
     while let Ok(Some(tag)) = tags.next() {
         let number = |key: &str| tag.get(key).and_then(|v| v.parse::<usize>().ok());
@@ -150,24 +163,22 @@ fn ome(path: &Path, description: &[u8], form: &Form, pages: &[usize]) -> Result<
                 let first = ["FirstZ", "FirstC", "FirstT"].map(|key| number(key).unwrap_or(0));
                 let due = first.iter().zip(axes.strides).fold(0usize, |sum, (n, s)| sum.saturating_add(n.saturating_mul(s)));
                 if axes.total() == pages.len() && pages.get(due) != Some(&page) {
-                    let what = format!("its description (OME-TIFF) puts a plane at page {page} that is due at {due}");
-                    return Err(bad(path, what, "planes in the order of DimensionOrder are read: save it again so"));
+                    elsewhere.get_or_insert((page, due));
                 }
             }
+            Some("UUID") => files.extend(tag.get("FileName").map(str::to_owned)),
             _ => {}
         }
     }
     let Some(axes) = axes else { return Ok(None) };
-    let [z, c, t] = axes.counts;
-    // Of an image in several files, one may hold a slice, or slices alone.
-    if pages.len() == 1 {
-        return Ok(None);
+    // Of an image in several files, which all describe the whole, one may hold a slice, or the slices of a channel and time.
+    let alone = axes.are_one() || pages.len() == 1 || pages.len() == axes.counts[0];
+    if let Some((page, due)) = elsewhere.filter(|_| files.len() < 2) {
+        let what = format!("its description (OME-TIFF) puts a plane at page {page} that is due at {due}");
+        return Err(bad(path, what, "planes in the order of DimensionOrder are read: save it again so"));
     }
     if images > 1 && planes == pages.len() {
         return Err(bad(path, format!("it holds {images} images (OME-TIFF)"), "one is read: save it alone"));
     }
-    if c == 1 && (t == 1 || z == 1) {
-        return Ok(None);
-    }
-    checked(path, axes, pages)
+    if alone { Ok(None) } else { checked(path, axes, pages) }
 }

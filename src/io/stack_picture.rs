@@ -4,7 +4,8 @@ use super::limits::{bad, io, open, quote};
 use super::samples::SampleType;
 use super::stack_axes::Axes;
 use super::stack_tiff as tiff;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
+use crate::room::more;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -108,10 +109,7 @@ pub(super) fn pages(path: PathBuf, form: Form, pages: Vec<usize>) -> Result<impl
 
 /// Room for `count` bytes, or an error.
 pub(super) fn room(path: &Path, bytes: &mut Vec<u8>, count: usize) -> Result<()> {
-    bytes.try_reserve_exact(count).map_err(|_| {
-        let what = format!("{} of host memory for a slice are not to be had", crate::error::bytes(count as u64));
-        io(path, "read", std::io::Error::new(ErrorKind::OutOfMemory, what))
-    })?;
+    more(|| format!("{}: a slice", shown(path)), bytes, count)?;
     bytes.resize(count, 0);
     Ok(())
 }

@@ -4,7 +4,7 @@ use super::Request;
 use super::bench::together;
 use super::between::Points;
 use crate::engine::{Engine, Medium, Progress};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::visibility::{Method, Quality, Wanted};
 use crate::scene::{Visibility, Volume};
 use std::time::Instant;
@@ -73,7 +73,12 @@ pub(super) fn ratio(engine: &Engine, volume: &Volume, medium: &Medium, request: 
     }
     let memory = engine.memory();
     let free = memory.budget.saturating_sub(memory.used);
-    while ratio < 8 && peak(ratio)? > free {
+    // Slices that no buffer of the device holds do not fit either.
+    let fits = |ratio: u32| match peak(ratio) {
+        Err(Error::Invalid { item: "visibility.ratio", .. }) => Ok(false),
+        needed => needed.map(|bytes| bytes <= free),
+    };
+    while ratio < 8 && !fits(ratio)? {
         ratio *= 2;
         missed = None;
         reason = format!("1:{ratio}: finer does not fit the memory ({reason})");

@@ -92,7 +92,7 @@ impl Origins {
 
     /// Whether frames of an animation differ in what a surface meets: in its value, or in the data.
     pub fn surface_moves(&self) -> bool {
-        ["surface.iso", "volume.file"].iter().any(|k| self.animated.contains_key(*k))
+        self.animated.contains_key("volume.file") || self.animated.get("surface.iso").is_some_and(|keyframes| keyframes.len() > 1)
     }
 
     /// An [`Error::Invalid`] about a scene's key becomes the [`Error::Scene`] that says where the key stands.

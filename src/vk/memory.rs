@@ -133,7 +133,7 @@ fn available_memory() -> Option<u64> {
 }
 
 /// What the memory limits of control groups leave (docs.kernel.org, admin-guide, cgroup-v1/memory and cgroup-v2): the least of
-/// limit − use over each group and those above it, where files that the kernel would drop first are no use. `groups` is a
+/// limit − use over each group and those above it, where cached files, which the kernel drops, are no use. `groups` is a
 /// process' list of its groups, `root` where they are mounted; a container sees its own group there, whatever the list says.
 fn left_to_groups(groups: &str, root: &Path) -> u64 {
     let number = |path: PathBuf| std::fs::read_to_string(path).ok().and_then(|t| t.trim().parse::<u64>().ok());
@@ -141,10 +141,10 @@ fn left_to_groups(groups: &str, root: &Path) -> u64 {
     for line in groups.lines() {
         let mut parts = line.splitn(3, ':').skip(1);
         let (Some(kinds), Some(group)) = (parts.next(), parts.next()) else { continue };
-        let (mount, limit, used, idle) = match kinds {
-            "" => (root.to_owned(), "memory.max", "memory.current", "inactive_file "),
+        let (mount, limit, used, sums) = match kinds {
+            "" => (root.to_owned(), "memory.max", "memory.current", ""),
             _ if kinds.split(',').any(|k| k == "memory") => {
-                (root.join("memory"), "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file ")
+                (root.join("memory"), "memory.limit_in_bytes", "memory.usage_in_bytes", "total_")
             }
             _ => continue,
         };
@@ -152,7 +152,11 @@ fn left_to_groups(groups: &str, root: &Path) -> u64 {
             let folder = mount.join(group);
             let Some(limit) = number(folder.join(limit)) else { continue };
             let stat = std::fs::read_to_string(folder.join("memory.stat")).unwrap_or_default();
-            let dropped = stat.lines().find_map(|l| l.strip_prefix(idle)?.trim().parse().ok()).unwrap_or(0);
+            let cached = |line: &str| {
+                let line = line.strip_prefix(sums)?;
+                line.strip_prefix("inactive_file ").or_else(|| line.strip_prefix("active_file "))?.trim().parse::<u64>().ok()
+            };
+            let dropped = stat.lines().filter_map(cached).fold(0, u64::saturating_add);
             let used = number(folder.join(used)).unwrap_or(0).saturating_sub(dropped);
             left = left.min(limit.saturating_sub(used));
         }
@@ -179,8 +183,15 @@ mod tests {
         assert_eq!(left("0::/\n"), u64::MAX, "no limits are there");
         write("a/b", &[("memory.max", "max\n"), ("memory.current", "5000\n")]);
         assert_eq!(left("0::/a/b\n"), u64::MAX);
-        write("a", &[("memory.max", "9000\n"), ("memory.current", "5000\n"), ("memory.stat", "anon 1\ninactive_file 1000\n")]);
-        assert_eq!(left("0::/a/b\n"), 5000, "the group above limits, and its idle files do not count");
+        write(
+            "a",
+            &[
+                ("memory.max", "9000\n"),
+                ("memory.current", "5000\n"),
+                ("memory.stat", "anon 1\ninactive_file 600\nactive_file 400\nslab 7\n"),
+            ],
+        );
+        assert_eq!(left("0::/a/b\n"), 5000, "the group above limits, and cached files do not count");
         write("a/b", &[("memory.max", "7000\n"), ("memory.current", "7500\n")]);
         assert_eq!(left("0::/a/b\n"), 0);
         write("memory/c", &[("memory.limit_in_bytes", "800\n"), ("memory.usage_in_bytes", "300\n")]);

@@ -87,8 +87,9 @@ fn a_signal_ends_render_and_precompute_with_nothing_written() {
         let (signal, name, code) = [("-INT", "SIGINT", 130), ("-TERM", "SIGTERM", 143)][i % 2];
         let mut command = Command::new(env!("CARGO_BIN_EXE_halflight"));
         command.current_dir(&f.0).args(arguments).args(more).arg("--json").stdout(Stdio::piped()).stderr(Stdio::piped());
-        let child = command.spawn().unwrap();
+        let mut child = command.spawn().unwrap();
         while !f.0.join("new").exists() {
+            assert!(child.try_wait().unwrap().is_none(), "it ended before it began");
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         // Into the work on the device, most likely; wherever it is, it ends the same.

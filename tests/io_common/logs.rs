@@ -23,9 +23,8 @@ impl log::Log for Listener {
 /// What `work` yields, and the warnings that it gives on the way.
 pub fn warnings<T>(work: impl FnOnce() -> T) -> (T, Vec<String>) {
     // Tests of one program share it.
-    if log::set_logger(&Listener).is_ok() {
-        log::set_max_level(log::LevelFilter::Warn);
-    }
+    let _ = log::set_logger(&Listener);
+    log::set_max_level(log::LevelFilter::Warn);
     SAID.take();
     let out = work();
     (out, SAID.take())

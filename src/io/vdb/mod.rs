@@ -14,8 +14,9 @@ mod values;
 
 use super::ReadOptions;
 use super::choose::{component, labels};
-use super::limits::{bad, check_cap, grid, io, quote, shape};
+use super::limits::{bad, check_cap, grid, quote, shape};
 use crate::error::{Result, shown};
+use crate::room::reserved;
 use crate::scene::{Samples, Volume};
 use glam::{DAffine3, DVec3};
 use std::fs::File;
@@ -87,11 +88,7 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, options: &Re
     let what = format!("{} float32 samples (the box of {} active voxels)", shape(dims), extent.active);
     let count = check_cap(path, &what, grid.voxels(), 4, options.max_bytes)?;
     log::info!("{}: grid {}, {what}, {} leaves", shown(path), descriptor.shown(), extent.leaves);
-    let mut samples = Vec::new();
-    samples.try_reserve_exact(count).map_err(|_| {
-        let what = format!("{} of host memory for the samples are not to be had", crate::error::bytes(4 * count as u64));
-        io(path, "read", std::io::Error::new(std::io::ErrorKind::OutOfMemory, what))
-    })?;
+    let mut samples = reserved(&format!("{}: its volume", shown(path)), count)?;
     samples.resize(count, coding.background);
     stream.seek(topology, "the tree")?;
     tree::fill(&mut stream, &mut coding, &extent, &mut samples, &|fraction| options.report(fraction))?;
