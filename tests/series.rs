@@ -129,7 +129,7 @@ fn a_value_that_moves_may_leave_the_data_and_a_still_one_may_not() {
     // What is wrong between two keyframes is said of both.
     write(here.path(), "s.toml", scene(&track("camera.position", "[3, 0, 0]", "[-3, 0, 0]")));
     let (code, _, err) = run(here.path(), &["frames", "s.toml", "-o", "f.#.exr"]);
-    let both = "frame 3: between s.toml line 5, keyframe 1 and s.toml line 8, keyframe 2: `camera.position` [0, 0, 0] is the target";
+    let both = "frame 3 failed: between s.toml line 5, keyframe 1 and s.toml line 8, keyframe 2: `camera.position` [0, 0, 0] is the target";
     assert!(code == 3 && err.contains(both), "{code}: {err}");
 }
 

@@ -36,7 +36,7 @@ pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<()
     bar.plan(&[("reference", 1.0)]);
     bar.enter("upload");
     let on_device = engine.upload(&loaded.volume)?;
-    let medium = engine.classify_clipped(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
+    let medium = engine.classify_frame(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
     let sky = Sky::from_settings(&scene.light, loaded.probe.as_ref())?;
     bar.enter("reference");
     let reference = engine

@@ -162,7 +162,7 @@ pub fn visibility(
     bar.plan(&[visibility, render, (plan::STAGE, visibility.1)]);
     bar.enter("upload");
     let on_device = engine.upload(volume)?;
-    let medium = engine.classify_clipped(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
+    let medium = engine.classify_frame(&on_device, &loaded.matter, &scene.clip).map_err(|e| scene.origins.blame(e))?;
     if let Some(path) = given {
         let keys = field_file::keys(scene, volume, &loaded.matter);
         let field = field_file::read(engine, path, volume, scene, &keys, None)?.field;

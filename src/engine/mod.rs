@@ -363,11 +363,10 @@ impl Engine {
         Volume::new(data.grid, samples, data.rescale.0, data.rescale.1)
     }
 
-    /// Gives a volume its matter: transfer function, or opaque surface. A surface's value beyond the data is none that
-    /// they have: above them all is vacuum, below them the whole box is solid.
+    /// Gives a volume its matter: transfer function, or opaque surface.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for an iso value that is not a number.
+    /// [`Error::Invalid`] for an iso value outside the data.
     pub fn classify(&self, volume: &DeviceVolume, matter: &Matter) -> Result<Medium> {
         self.classify_clipped(volume, matter, &Clip::default())
     }
@@ -385,8 +384,19 @@ impl Engine {
     /// # Errors
     /// As [`Engine::classify_clipped`], and [`Error::Cancelled`].
     pub fn classify_watched(&self, volume: &DeviceVolume, matter: &Matter, clip: &Clip, progress: &mut Progress) -> Result<Medium> {
+        matter.check_surface(volume.range())?;
         clip.check()?;
         self.classify_within(volume, matter, clip.half_spaces(volume.grid()), progress)
+    }
+
+    /// As [`Engine::classify_clipped`], of a frame of an animation, where a surface's value may lie beyond the data: above them
+    /// all is vacuum, below them the whole box is solid.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an iso value that is not a number, and as [`Clip::check`].
+    pub fn classify_frame(&self, volume: &DeviceVolume, matter: &Matter, clip: &Clip) -> Result<Medium> {
+        clip.check()?;
+        self.classify_within(volume, matter, clip.half_spaces(volume.grid()), &mut quiet)
     }
 
     /// The same medium, of which `clip` cuts away more: to be looked into, in a light that was computed for the whole. Where

@@ -72,7 +72,6 @@ impl Request {
     }
 
     pub fn medium(&self, engine: &Engine, progress: &mut crate::engine::Progress) -> Result<Arc<Medium>> {
-        self.matter.check_surface(self.volume.device.range())?;
         Ok(Arc::new(engine.classify_watched(&self.volume.device, &self.matter, &self.asked.clip, progress)?))
     }
 

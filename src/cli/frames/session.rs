@@ -246,7 +246,7 @@ impl<'a> Session<'a> {
             let hash = fingerprint::matter(&matter, scene, &volume);
             // A field of the same hash is a field of this medium; what is lit by it is not drawn with the medium's colours.
             self.classified = None;
-            let medium = paid.time(CLASSIFY, || engine.classify_clipped(on_device, &matter, &scene.clip)).map_err(blame)?;
+            let medium = paid.time(CLASSIFY, || engine.classify_frame(on_device, &matter, &scene.clip)).map_err(blame)?;
             self.classified = Some(Classified { transfer: scene.transfer.clone(), matter, clip: scene.clip.clone(), medium, hash });
         }
         let classified = self.classified.as_ref().ok_or_else(lost)?;
