@@ -128,6 +128,11 @@ impl Plan {
         self.cells.len()
     }
 
+    /// The march that candidates were measured against; slow machines take one of fewer directions.
+    pub fn reference(&self) -> &Visibility {
+        &self.dense
+    }
+
     /// "sweep, 112 directions, 2 slices dense in steps of 2 voxels, 1:4, 16 coefficients of 8 bits".
     pub fn chosen(&self) -> String {
         described(&self.settings)
