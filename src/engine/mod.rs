@@ -36,6 +36,7 @@ pub use precompute::Pass;
 pub use reference::{Reference, ReferenceSettings};
 pub use relight::Lit;
 
+#[cfg(feature = "capi")]
 pub(crate) use crate::vk::HEARD;
 pub use crate::vk::{DeviceInfo, DeviceKind, Memory, Options, Span, devices};
 
