@@ -4,7 +4,8 @@ use halflight::io::{parse_scene, scene_text};
 use halflight::scene::camera::CameraSettings;
 use halflight::scene::grid::glam::DVec3;
 use halflight::scene::scene::{LightSource, TransferSource};
-use halflight::scene::{Camera, Grid, Scene, scene_at};
+use halflight::scene::transfer::{Kind, Reference};
+use halflight::scene::{Camera, Grid, Scene, Transfer, scene_at};
 use std::path::Path;
 
 fn parse(text: &str) -> Scene {
@@ -131,6 +132,25 @@ fn transfer_functions_fade_into_each_other() {
         }
     }
     assert_eq!(of(4).albedo(2.0).map(|c| (c * 1000.0).round() as i32), [440, 140, 140]);
+    // What a header or a hash holds of a frame is the function of that frame, its steps included.
+    for frame in 1..=11 {
+        let again = parse(&scene_text(&scene_at(&scene, frame)));
+        assert_eq!(again.transfer, TransferSource::Points(of(frame)), "{frame}");
+    }
+}
+
+#[test]
+fn colours_and_opacities_at_other_scalars_are_written_as_one_function() {
+    let colors = vec![(0.0, [0.0, 0.5, 1.0]), (6.0, [0.0, 0.5, 1.0]), (6.0, [1.0, 0.5, 0.0])];
+    let opacities = vec![(2.0, 0.25), (4.0, 0.25), (4.0, 0.0), (8.0, 0.75)];
+    let made = Transfer::new(colors, opacities, Kind::Opacity, Reference::Voxel).expect("a function");
+    let scene = Scene { transfer: TransferSource::Points(made.clone()), ..parse("[volume]\nfile = \"v\"\n") };
+    let TransferSource::Points(again) = parse(&scene_text(&scene)).transfer else { panic!("points") };
+    let grid = Grid::new([4; 3], Default::default()).expect("a grid");
+    for s in [-1.0, 0.0, 1.0, 2.0, 3.0, 3.999, 4.0, 5.0, 5.999, 6.0, 7.0, 8.0, 9.0] {
+        assert_eq!(again.albedo(s), made.albedo(s), "{s}");
+        assert!((again.sigma(s, &grid) - made.sigma(s, &grid)).abs() < 1e-12, "{s}");
+    }
 }
 
 #[test]

@@ -120,14 +120,14 @@ fn transfer(scene: &Scene) -> Table {
     match &scene.transfer {
         TransferSource::Ramp { reference } => table(vec![("reference", length(*reference))]),
         TransferSource::Points(t) => {
-            let row = |((s, c), (_, last)): (&(f64, [f32; 3]), &(f64, f64))| {
-                Value::Array(vec![Value::Float(*s), short(c[0]), short(c[1]), short(c[2]), Value::Float(*last)])
-            };
             let kind = match t.kind() {
                 Kind::Opacity => "opacity",
                 Kind::Extinction => "extinction",
             };
-            let points = t.colors().iter().zip(t.opacities()).map(row).collect();
+            let row = |[s, r, g, b, last]: [f64; 5]| {
+                Value::Array(vec![Value::Float(s), short(r as f32), short(g as f32), short(b as f32), Value::Float(last)])
+            };
+            let points = t.points().into_iter().map(row).collect();
             table(vec![("reference", length(t.reference())), ("kind", word(kind)), ("points", Value::Array(points))])
         }
         TransferSource::File { path, name, range, reference } => {

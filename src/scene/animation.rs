@@ -4,7 +4,7 @@ use super::camera::Framing;
 use super::clip::Clip;
 use super::frames::Pattern;
 use super::scene::{LightSource, Scene, TransferSource};
-use super::transfer::Transfer;
+use super::transfer::{Between, Transfer, limit, stepped};
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -270,51 +270,11 @@ fn faded(a: &Transfer, b: &Transfer, t: f64) -> Transfer {
     if t == 0.0 {
         return a.clone();
     }
-    let colors = mixed(a.colors(), b.colors(), |x, y| std::array::from_fn(|c| (x[c] + (y[c] - x[c]) * t as f32).clamp(0.0, 1.0)));
-    let opacities = mixed(a.opacities(), b.opacities(), |x, y| x + (y - x) * t);
+    let mixed = |s, above| {
+        let [c, d] = [a, b].map(|f| limit(f.colors(), s, above));
+        let [o, p] = [a, b].map(|f| limit(f.opacities(), s, above));
+        (c.between(d, t).map(|x| x.clamp(0.0, 1.0)), o.between(p, t))
+    };
+    let (colors, opacities) = stepped(&[a, b], mixed).into_iter().map(|(s, (c, o))| ((s, c), (s, o))).unzip();
     Transfer::new(colors, opacities, a.kind(), a.reference()).unwrap_or_else(|_| a.clone())
-}
-
-fn mixed<T: Copy + PartialEq + Between>(a: &[(f64, T)], b: &[(f64, T)], mix: impl Fn(T, T) -> T) -> Vec<(f64, T)> {
-    let mut scalars: Vec<f64> = a.iter().chain(b).map(|p| p.0).collect();
-    scalars.sort_by(f64::total_cmp);
-    scalars.dedup();
-    let mut out = Vec::with_capacity(2 * scalars.len());
-    for s in scalars {
-        let [below, above] = [false, true].map(|above| mix(limit(a, s, above), limit(b, s, above)));
-        out.push((s, below));
-        if above != below {
-            out.push((s, above));
-        }
-    }
-    out
-}
-
-/// The value of a piecewise-linear function at `s`, coming from below or from above.
-fn limit<T: Copy + Between>(points: &[(f64, T)], s: f64, above: bool) -> T {
-    let after = if above { points.partition_point(|p| p.0 <= s) } else { points.partition_point(|p| p.0 < s) };
-    match (points.get(after.wrapping_sub(1)), points.get(after)) {
-        (Some(a), None) => a.1,
-        (None, Some(b)) => b.1,
-        (Some(a), Some(_)) if above && a.0 == s => a.1,
-        (Some(_), Some(b)) if !above && b.0 == s => b.1,
-        (Some(a), Some(b)) => a.1.between(b.1, (s - a.0) / (b.0 - a.0)),
-        (None, None) => points[0].1,
-    }
-}
-
-trait Between {
-    fn between(self, other: Self, t: f64) -> Self;
-}
-
-impl Between for f64 {
-    fn between(self, other: Self, t: f64) -> Self {
-        self + (other - self) * t
-    }
-}
-
-impl Between for [f32; 3] {
-    fn between(self, other: Self, t: f64) -> Self {
-        std::array::from_fn(|c| self[c] + (other[c] - self[c]) * t as f32)
-    }
 }

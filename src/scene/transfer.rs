@@ -133,6 +133,17 @@ impl Transfer {
         )
     }
 
+    /// The function as combined points, of which [`Transfer::from_points`] makes it again: those it was made of where colours and
+    /// opacities stand at the same scalars, else one where either has a point, two at steps.
+    pub fn points(&self) -> Vec<[f64; 5]> {
+        let row = |s: f64, c: [f32; 3], o: f64| [s, c[0].into(), c[1].into(), c[2].into(), o];
+        if self.colors.iter().map(|c| c.0).eq(self.opacities.iter().map(|o| o.0)) {
+            return self.colors.iter().zip(&self.opacities).map(|(c, o)| row(c.0, c.1, o.1)).collect();
+        }
+        let at = |s, above| (limit(&self.colors, s, above), limit(&self.opacities, s, above));
+        stepped(&[self], at).into_iter().map(|(s, (c, o))| row(s, c, o)).collect()
+    }
+
     /// What the opacity points mean.
     pub fn kind(&self) -> Kind {
         self.kind
@@ -242,6 +253,55 @@ impl Table {
             sigma: (0..TABLE_SIZE).map(|i| if i < TABLE_SIZE / 2 - 128 { 0.0 } else { sigma as f32 }).collect(),
             albedo: vec![[r, g, b, 0.0]; TABLE_SIZE],
         }
+    }
+}
+
+/// Colour (or albedo) and opacity (or extinction).
+pub(super) type Both = ([f32; 3], f64);
+
+/// `at(scalar, from above)` wherever one of `functions` has a point: two points where it steps.
+pub(super) fn stepped(functions: &[&Transfer], at: impl Fn(f64, bool) -> Both) -> Vec<(f64, Both)> {
+    let of = |t: &&Transfer| t.colors.iter().map(|c| c.0).chain(t.opacities.iter().map(|o| o.0)).collect::<Vec<_>>();
+    let mut scalars: Vec<f64> = functions.iter().flat_map(of).collect();
+    scalars.sort_by(f64::total_cmp);
+    scalars.dedup();
+    let mut out = Vec::with_capacity(2 * scalars.len());
+    for s in scalars {
+        let [below, above] = [false, true].map(|above| at(s, above));
+        out.push((s, below));
+        if above != below {
+            out.push((s, above));
+        }
+    }
+    out
+}
+
+/// The value of a piecewise-linear function at `s`, coming from below or from above.
+pub(super) fn limit<T: Copy + Between>(points: &[(f64, T)], s: f64, above: bool) -> T {
+    let after = if above { points.partition_point(|p| p.0 <= s) } else { points.partition_point(|p| p.0 < s) };
+    match (points.get(after.wrapping_sub(1)), points.get(after)) {
+        (Some(a), None) => a.1,
+        (None, Some(b)) => b.1,
+        (Some(a), Some(_)) if above && a.0 == s => a.1,
+        (Some(_), Some(b)) if !above && b.0 == s => b.1,
+        (Some(a), Some(b)) => a.1.between(b.1, (s - a.0) / (b.0 - a.0)),
+        (None, None) => points[0].1,
+    }
+}
+
+pub(super) trait Between {
+    fn between(self, other: Self, t: f64) -> Self;
+}
+
+impl Between for f64 {
+    fn between(self, other: Self, t: f64) -> Self {
+        self + (other - self) * t
+    }
+}
+
+impl Between for [f32; 3] {
+    fn between(self, other: Self, t: f64) -> Self {
+        std::array::from_fn(|c| self[c] + (other[c] - self[c]) * t as f32)
     }
 }
 
