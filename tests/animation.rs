@@ -7,6 +7,7 @@ use halflight::scene::scene::{LightSource, TransferSource};
 use halflight::scene::transfer::{Kind, Reference};
 use halflight::scene::{Camera, Grid, Scene, Transfer, scene_at};
 use std::path::Path;
+use std::sync::Arc;
 
 fn parse(text: &str) -> Scene {
     parse_scene(text, "s.toml", Path::new(""), &[]).expect("a good scene")
@@ -109,6 +110,37 @@ fn smooth_goes_through_every_keyframe_without_a_jerk_or_an_overshoot() {
 fn hold_jumps_at_the_keyframe() {
     let v = track("hold", &KEYS);
     assert_eq!((v[0], v[199], v[200], v[499], v[500], v[900]), (1.0, 1.0, 2.0, 2.0, 8.0, 3.0));
+}
+
+#[test]
+fn a_time_within_half_a_millisecond_of_a_frame_is_that_frame() {
+    // Written with three or six digits, or as a division leaves it, at each rate that films have: the jump comes at its frame.
+    for rate in [24.0, 25.0, 29.97, 30.0, 50.0, 60.0] {
+        for frame in 1..400 {
+            let seconds = f64::from(frame) / rate;
+            for time in [format!("{seconds}"), format!("{seconds:.6}"), format!("{seconds:.3}")] {
+                let animation = parse(&format!(
+                    "[volume]\nfile = \"v\"\n[animation]\nframes = 9\nfirst = 0\nrate = {rate}\n\
+                     [[animation.keyframe]]\ntime = {time}\nlight.scale = 2.0\n"
+                ));
+                assert_eq!(animation.animation.expect("one").tracks[0].keys[0].frame, f64::from(frame), "{time} s at {rate}");
+            }
+        }
+    }
+    // What lies between frames stays there.
+    let between =
+        parse("[volume]\nfile = \"v\"\n[animation]\nframes = 9\nrate = 25\n[[animation.keyframe]]\ntime = 0.5\nlight.scale = 2.0\n");
+    assert_eq!(between.animation.expect("one").tracks[0].keys[0].frame, 13.5);
+}
+
+#[test]
+fn frames_share_what_an_animation_says_of_its_keyframes() {
+    let keys =
+        |n: usize| -> String { (1..=n).map(|i| format!("[[animation.keyframe]]\nframe = {i}\ncamera.fov = {}\n", 20 + i % 9)).collect() };
+    let scene = parse(&format!("[volume]\nfile = \"v\"\n[animation]\nframes = 3000\n{}", keys(3000)));
+    let (a, b) = (scene_at(&scene, 3), scene_at(&scene, 2999));
+    assert!(Arc::ptr_eq(&a.origins.animated, &b.origins.animated) && a.animation.is_none());
+    assert_eq!(a.origins.of("camera.fov"), "s.toml line 11, keyframe 3");
 }
 
 #[test]

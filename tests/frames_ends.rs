@@ -144,6 +144,30 @@ fn what_is_of_no_frame_is_one_sentence_before_the_first() {
 }
 
 #[test]
+fn no_frame_is_written_over_what_the_frames_are_made_of() {
+    let here = folder();
+    let probe = halflight::scene::Picture { width: 8, height: 4, rgba: vec![[1.0; 4]; 32] };
+    halflight::io::write_exr(&here.path().join("sky.3.exr"), &probe, &[]).expect("a probe");
+    let of_sky = ["s.toml", "-o", "sky.#.exr", "--light.probe", "sky.3.exr"];
+    let said = "sky.3.exr: is an input of this command; name another output";
+    refused(here.path(), &of_sky, 2, said);
+    refused(here.path(), &[&of_sky[..], &["--skip-existing"]].concat(), 2, said);
+    // Nor over a name that leads there.
+    std::fs::hard_link(here.path().join("sky.3.exr"), here.path().join("also.4.exr")).expect("a link");
+    refused(here.path(), &["s.toml", "-o", "also.#.exr", "--light.probe", "sky.3.exr"], 2, "also.4.exr: is an input");
+    assert_eq!(run(here.path(), &[&["frames"], &of_sky[..], &["--frames", "1-2"]].concat()).0, 0, "frames beside it");
+    // The slices of a stack, by pattern and by folder.
+    std::fs::create_dir(here.path().join("cut")).expect("a folder");
+    assert_eq!(frames(here.path(), &["-o", "cut/s.#.png", "--frames", "1-4"]).0, 0);
+    for stack in ["cut/s.#.png", "cut"] {
+        let more = ["--volume.file", stack, "--volume.component", "r"];
+        refused(here.path(), &[&["s.toml", "-o", "cut/s.#.png"], &more[..]].concat(), 2, "cut/s.1.png: is an input");
+        let (code, _, err) = run(here.path(), &["render", stack, "-o", "cut/s.4.png", "--volume.component", "r"]);
+        assert!(code == 2 && err.contains("cut/s.4.png: is an input"), "{code} {err}");
+    }
+}
+
+#[test]
 fn a_field_that_cannot_serve_all_frames_is_refused_before_the_first() {
     let here = with_series();
     let precompute = |scene: &str, out: &str, more: &[&str]| {
@@ -197,4 +221,16 @@ fn a_tolerance_beside_a_field_is_refused_on_the_command_line_only() {
     assert_eq!(code, 0, "{err}");
     let (code, _, err) = run(here.path(), &["frames", "t.toml", "-o", "p/f.#.exr", "--frames", "1-2", "--field", "f.nrrd"]);
     assert_eq!(code, 0, "{err}");
+    // Frames are of the field that there is: of another one in its place, none is kept.
+    for (directions, kept) in [("16", 0), ("16", 2), ("48", 0)] {
+        let (code, _, err) =
+            run(here.path(), &["precompute", "s.toml", "-o", "f.nrrd", "--frame", "1", "--visibility.directions", directions]);
+        assert_eq!(code, 0, "{err}");
+        let again = ["frames", "t.toml", "-o", "p/f.#.exr", "--frames", "1-2", "--field", "f.nrrd", "--skip-existing", "--json"];
+        let (code, out, err) = run(here.path(), &again);
+        let summary: Value = serde_json::from_str(&out).expect("JSON");
+        assert_eq!((code, &summary["skipped"]), (0, &kept.into()), "{directions}: {summary} {err}");
+        let info = run(here.path(), &["info", "p/f.1.exr"]).1;
+        assert!(info.contains(&format!("directions = {directions}")) && !info.contains("tolerance"), "{info}");
+    }
 }

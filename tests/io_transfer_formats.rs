@@ -82,6 +82,11 @@ fn voreen_keys() {
     assert!(open("a.tfi", &KEYS.replace("alphaMode value=\"1\"", "alphaMode value=\"2\""), &data).is_ok_and(|t| opacity(&t, 50.0) > 0.999));
     let gamma = presets("a.tfi", &KEYS.replace("gammaValue value=\"1\"", "gammaValue value=\"2\""));
     assert!(gamma[0].lost().any(|l| l.contains("gammaValue 2")));
+    // Part of the normalised values, as older files have it: said, for the keys are placed in the whole.
+    for (y, said) in [("0.8", true), ("1", false), ("200", false)] {
+        let part = presets("a.tfi", &KEYS.replace("y=\"200\"", &format!("y=\"{y}\"")));
+        assert_eq!(part[0].lost().any(|l| l == format!("domain 0 to {y}: the data's range takes its place")), said, "{y}");
+    }
 }
 
 #[test]

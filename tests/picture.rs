@@ -2,7 +2,7 @@
 
 use exr::prelude::*;
 use halflight::Error;
-use halflight::io::{read_picture_exr, read_probe, whole_picture, write_exr, write_png};
+use halflight::io::{describe_picture, read_picture_exr, read_probe, whole_picture, write_exr, write_png};
 use halflight::scene::Picture;
 use std::path::{Path, PathBuf};
 
@@ -97,6 +97,9 @@ fn whole_is_what_decodes_to_the_last_pixel() {
 fn exr_keeps_what_only_floats_hold() {
     let dir = folder();
     let path = dir.path().join("a.exr");
+    write_exr(&path, &picture(), &meta(&[("Titel", "Größe 40°")])).unwrap();
+    assert_eq!(describe_picture(&path).unwrap().unwrap().meta, meta(&[("Titel", "Größe 40°")]));
+    assert!(whole_picture(&path, &|m| m == meta(&[("Titel", "Größe 40°")])).unwrap());
     let odd = Picture { width: 2, height: 1, rgba: vec![[f32::NAN, f32::INFINITY, -1.0, 0.0], [f32::MIN_POSITIVE, 1e-42, 3e38, 1.0]] };
     write_exr(&path, &odd, &[]).unwrap();
     let back = read_picture_exr(&path).unwrap();

@@ -239,6 +239,9 @@ fn a_zoom_zooms_and_its_header_says_from_where() {
         let (eye, target) = (read.camera.position.expect("a position"), read.camera.target.expect("a target"));
         let way = (target - eye).length();
         let near = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 1e-4 * way);
+        // 30 degrees from bottom to top at 4:3, as the width of the picture one unit ahead.
+        let width = 2.0 * 15f32.to_radians().tan() * 4.0 / 3.0;
+        assert!((standard.screen_window_width / width - 1.0).abs() < 1e-6, "{}", standard.screen_window_width);
         assert!(near(map(eye.to_array()), [0.0; 3]) && near(map(target.to_array()), [0.0, 0.0, way]));
         let right = (target - eye).cross(read.camera.up).normalize() * way;
         assert!(near(map((target + right).to_array()), [way, 0.0, way]));

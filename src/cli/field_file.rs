@@ -34,6 +34,13 @@ pub fn given(m: &ArgMatches, scene: &Scene) -> Result<Option<PathBuf>, Failure> 
     Ok(Some(path.clone()))
 }
 
+/// What a field's file says that it was computed with; `None` where it does not say so.
+pub fn settings(path: &Path) -> Result<Option<Visibility>, Failure> {
+    let file = io::read_nrrd_field(path, &ReadOptions::default())?;
+    let text = file.meta.iter().find(|(k, _)| k == "scene").map(|(_, v)| v);
+    Ok(text.map(|text| io::parse_scene(text, &shown(path), Path::new(""), &[])).transpose()?.map(|scene| scene.visibility))
+}
+
 /// A field on the device, and what its file says was measured of it.
 pub struct Loaded {
     pub field: Field,

@@ -9,7 +9,7 @@ use halflight::scene::scene::{LightSource, RawSettings, SAMPLE_TYPES, TransferSo
 use halflight::scene::{Camera, Light, Matter, Probe, Scene, Transfer, Volume};
 use std::io::ErrorKind;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Once;
 
 /// The stage in which the volume is read.
@@ -101,6 +101,18 @@ pub fn load(scene: &Scene, bar: &Progress) -> Result<Loaded, Failure> {
     }
     let camera = Camera::from_settings(&scene.camera, volume.grid(), scene.image.aspect()).map_err(|e| scene.origins.blame(e))?;
     Ok(Loaded { volume, matter, probe, light, camera })
+}
+
+/// The files that the scene names: its volume's, the probe, the preset.
+pub fn inputs(scene: &Scene) -> Vec<PathBuf> {
+    let mut files = io::volume_files(&scene.volume.file);
+    if let LightSource::Probe(probe) = &scene.light.source {
+        files.push(probe.clone());
+    }
+    if let TransferSource::File { path, .. } = &scene.transfer {
+        files.push(path.clone());
+    }
+    files
 }
 
 /// Refuses a frame that the animation does not have.

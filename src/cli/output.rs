@@ -5,6 +5,7 @@ use halflight::Error;
 use halflight::error::shown;
 use halflight::io;
 use halflight::scene::Picture;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Kinds of output file.
@@ -56,10 +57,7 @@ impl Output {
 
     /// Refuses to overwrite what the command reads.
     pub fn is_none_of(&self, inputs: &[&Path]) -> Result<(), Failure> {
-        if inputs.iter().any(|input| same_file(input, &self.path)) {
-            return Err(Failure::usage(format!("{}: is an input of this command; name another output", shown(&self.path))));
-        }
-        Ok(())
+        Inputs::of(inputs).spare(&self.path)
     }
 
     /// Where to write now: another run that made the folder, and ended in vain, may have taken it away meanwhile.
@@ -80,16 +78,37 @@ impl Output {
     }
 }
 
-/// Whether two paths lead to one file, through links of either kind.
-fn same_file(a: &Path, b: &Path) -> bool {
+/// Files that a command reads, known through links of either kind.
+pub struct Inputs(HashSet<Identity>);
+
+#[cfg(unix)]
+type Identity = (u64, u64);
+#[cfg(not(unix))]
+type Identity = PathBuf;
+
+impl Inputs {
+    pub fn of<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Self {
+        Self(paths.into_iter().filter_map(|p| identity(p.as_ref())).collect())
+    }
+
+    /// Refuses to overwrite one of them.
+    pub fn spare(&self, output: &Path) -> Result<(), Failure> {
+        match identity(output).is_some_and(|id| self.0.contains(&id)) {
+            true => Err(Failure::usage(format!("{}: is an input of this command; name another output", shown(output)))),
+            false => Ok(()),
+        }
+    }
+}
+
+fn identity(path: &Path) -> Option<Identity> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
-        matches!((a.metadata(), b.metadata()), (Ok(a), Ok(b)) if (a.dev(), a.ino()) == (b.dev(), b.ino()))
+        path.metadata().ok().map(|m| (m.dev(), m.ino()))
     }
     #[cfg(not(unix))]
     {
-        matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+        path.canonicalize().ok()
     }
 }
 

@@ -6,7 +6,7 @@ use super::fail::Failure;
 use super::field_file;
 use super::layers::{Layers, Written};
 use super::load::{self, Loaded};
-use super::output::{Kind, Output, PICTURES};
+use super::output::{Inputs, Kind, Output, PICTURES};
 use super::path_of;
 use super::plan;
 use super::progress::Progress;
@@ -17,7 +17,7 @@ use halflight::engine::{Engine, Field, Medium, Span};
 use halflight::error::bytes;
 use halflight::io;
 use halflight::measure::{PictureError, Pictured};
-use halflight::scene::scene::{Background, LightSource, TransferSource, fill_background};
+use halflight::scene::scene::{Background, fill_background};
 use halflight::scene::visibility::Method;
 use halflight::scene::{Camera, Grid, ImageSettings, Picture, Probe, Scene, Sky, Visibility, scene_at};
 use serde_json::json;
@@ -105,7 +105,7 @@ pub fn header(scene: &Scene, engine: &Engine, spans: &[Span]) -> Vec<(String, St
 /// The same of a picture: its camera where it stands, too.
 pub fn picture_header(scene: &Scene, loaded: &Loaded, engine: &Engine, spans: &[Span]) -> Result<Vec<(String, String)>, Failure> {
     let mut meta = header(&scene.placed(loaded.volume.grid()), engine, spans);
-    meta.extend(io::camera_meta(&loaded.camera)?);
+    meta.extend(io::camera_meta(&loaded.camera, scene.image.aspect())?);
     Ok(meta)
 }
 
@@ -122,14 +122,9 @@ pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(S
         load::check_frame(animation, frame, "--frame")?;
         scene = scene_at(&scene, frame);
     }
-    let mut inputs: Vec<&Path> = vec![path, &scene.volume.file];
-    if let LightSource::Probe(probe) = &scene.light.source {
-        inputs.push(probe);
-    }
-    if let TransferSource::File { path, .. } = &scene.transfer {
-        inputs.push(path);
-    }
-    output.is_none_of(&inputs)?;
+    let mut inputs = load::inputs(&scene);
+    inputs.push(path.to_owned());
+    Inputs::of(inputs).spare(&output.path)?;
     Ok((scene, output))
 }
 

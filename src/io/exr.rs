@@ -28,12 +28,16 @@ pub(super) const MAX_PIXELS: usize = 1 << 27;
 /// Sixteen numbers of a picture's header: the standard attribute `worldToCamera` in OpenEXR.
 pub const WORLD_TO_CAMERA: &str = "worldToCamera";
 
+/// A number of a picture's header: the standard attribute `screenWindowWidth` in OpenEXR, the width of the picture one unit
+/// before the camera.
+pub const SCREEN_WINDOW_WIDTH: &str = "screenWindowWidth";
+
 /// A number of a picture's header: the standard attribute `framesPerSecond` in OpenEXR, there a fraction.
 pub const FRAMES_PER_SECOND: &str = "framesPerSecond";
 
 /// Writes linear, premultiplied RGBA (OpenEXR's convention) as 32-bit float, ZIP compressed. Each pair of `meta` becomes a
-/// text attribute `halflight/KEY`, a name that no standard attribute has, but for [`WORLD_TO_CAMERA`] and
-/// [`FRAMES_PER_SECOND`].
+/// text attribute `halflight/KEY`, a name that no standard attribute has, but for [`WORLD_TO_CAMERA`],
+/// [`SCREEN_WINDOW_WIDTH`] and [`FRAMES_PER_SECOND`].
 ///
 /// # Errors
 /// [`Error::Invalid`] for a picture whose pixels do not match its size, or a key that is empty, longer than 245 bytes or
@@ -94,6 +98,7 @@ pub(super) fn attributes(meta: &[(String, String)]) -> Result<LayerAttributes> {
         }
         match key.as_str() {
             WORLD_TO_CAMERA => attributes.world_to_camera = Some(matrix(value).ok_or_else(|| unread(key, value))?),
+            SCREEN_WINDOW_WIDTH => attributes.screen_window_width = width(value).ok_or_else(|| unread(key, value))?,
             FRAMES_PER_SECOND => attributes.frames_per_second = Some(fraction(value).ok_or_else(|| unread(key, value))?),
             _ => drop(attributes.other.insert(text(&format!("halflight/{key}")), AttributeValue::Text(text(value)))),
         }
@@ -105,8 +110,12 @@ fn unread(key: &str, value: &str) -> Error {
     Error::Invalid {
         item: "picture metadata",
         what: format!("{key} is {:?}", value.chars().take(40).collect::<String>()),
-        right: "worldToCamera is sixteen finite numbers, framesPerSecond one in 0.001..1e6".into(),
+        right: "worldToCamera is sixteen finite numbers, screenWindowWidth one above 0, framesPerSecond one in 0.001..1e6".into(),
     }
+}
+
+fn width(text: &str) -> Option<f32> {
+    text.parse().ok().filter(|w: &f32| w.is_finite() && *w > 0.0)
 }
 
 fn matrix(text: &str) -> Option<[f32; 16]> {

@@ -1,17 +1,17 @@
 //! OpenEXR pictures with more channels than colour, and whether a picture's file is whole.
 
-use super::exr::{MAX_CHANNELS, MAX_PIXELS, MAX_SIDE, attributes, check, trouble};
+use super::exr::{MAX_CHANNELS, MAX_SIDE, attributes, check, trouble};
 use super::limits::{bad, open};
 use super::picture::PictureInfo;
 use super::{png, write_aside};
 use crate::error::{Error, Result};
-use crate::scene::Picture;
+use crate::scene::{Picture, scene};
 use exr::block::reader::ChunksReader;
 use exr::compression::Compression;
 use exr::image::{AnyChannel, AnyChannels, FlatSamples};
 use exr::meta::MetaData;
 use exr::meta::header::Header;
-use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, SampleType, SmallVec, Vec2, WritableImage};
+use exr::prelude::{AttributeValue, Encoding, Image, Layer, LineOrder, SampleType, SmallVec, Text, Vec2, WritableImage};
 use half::f16;
 use std::io::{BufRead, Seek, Write};
 use std::path::Path;
@@ -118,10 +118,15 @@ fn sort_attributes(file: &mut [u8]) {
     file[begin..at].copy_from_slice(&attributes.concat());
 }
 
+/// A text of a header: UTF-8 as written here. The crate's own conversion takes each byte for a letter.
+fn said(text: &Text) -> String {
+    String::from_utf8_lossy(text.bytes()).into_owned()
+}
+
 /// A layer's entries as [`super::write_exr`] writes them.
 pub(super) fn entries(header: &Header) -> Vec<(String, String)> {
-    let own = |(name, value): (&exr::prelude::Text, &AttributeValue)| match value {
-        AttributeValue::Text(text) => Some((name.to_string().strip_prefix("halflight/")?.to_owned(), text.to_string())),
+    let own = |(name, value): (&Text, &AttributeValue)| match value {
+        AttributeValue::Text(text) => Some((said(name).strip_prefix("halflight/")?.to_owned(), said(text))),
         _ => None,
     };
     let mut entries: Vec<_> = header.own_attributes.other.iter().filter_map(own).collect();
@@ -135,8 +140,8 @@ pub(super) fn describe(mut file: impl BufRead + Seek) -> Option<PictureInfo> {
     headers.first().map(|header| PictureInfo {
         width: header.layer_size.x(),
         height: header.layer_size.y(),
-        channels: header.channels.list.iter().map(|c| (c.name.to_string(), number(c.sample_type))).collect(),
-        software: header.own_attributes.software_name.as_ref().map_or_else(String::new, |s| s.to_string()),
+        channels: header.channels.list.iter().map(|c| (said(&c.name), number(c.sample_type))).collect(),
+        software: header.own_attributes.software_name.as_ref().map_or_else(String::new, said),
         meta: entries(header),
     })
 }
@@ -148,6 +153,9 @@ fn number(kind: SampleType) -> &'static str {
         SampleType::U32 => "uint",
     }
 }
+
+/// Most pixels of a picture that is looked through block by block: the largest that a scene may ask for.
+const MOST: usize = scene::MAX_SIDE * scene::MAX_SIDE;
 
 /// Says whether a picture's own entries (key, value) are those that are looked for.
 pub type MetaFilter<'a> = dyn Fn(&[(String, String)]) -> bool + 'a;
@@ -174,13 +182,9 @@ pub fn whole_picture(path: &Path, wanted: &MetaFilter) -> Result<bool> {
     }
     for h in &headers {
         let (Vec2(width, height), channels) = (h.layer_size, h.channels.list.len());
-        if h.deep || width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS || channels > MAX_CHANNELS {
+        if h.deep || width > MAX_SIDE || height > MAX_SIDE || width * height > MOST || channels > MAX_CHANNELS {
             let what = format!("a layer has {width}x{height} pixels and {channels} channels{}", if h.deep { ", deep" } else { "" });
-            return Err(bad(
-                path,
-                what,
-                format!("at most {MAX_SIDE} a side, {MAX_PIXELS} pixels and {MAX_CHANNELS} flat channels are read"),
-            ));
+            return Err(bad(path, what, format!("at most {MAX_SIDE} a side, {MOST} pixels and {MAX_CHANNELS} flat channels are read")));
         }
     }
     // Block by block: all at once would take the memory that the header claims, before the first pixel is there.

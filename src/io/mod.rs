@@ -46,7 +46,7 @@ mod vtk_text;
 mod xml;
 
 pub use crate::aside::{write_aside, write_target};
-pub use exr::{FRAMES_PER_SECOND, WORLD_TO_CAMERA, read_picture_exr, write_exr, write_exr_with_error};
+pub use exr::{FRAMES_PER_SECOND, SCREEN_WINDOW_WIDTH, WORLD_TO_CAMERA, read_picture_exr, write_exr, write_exr_with_error};
 pub use exr_layers::{ExrChannel, ExrCompression, ExrOptions, MetaFilter, whole_picture, write_exr_layers};
 pub use field_keys::FieldKeys;
 pub use guess::guess_transfer;
@@ -60,4 +60,4 @@ pub use scene::{Overrides, parse_scene, read_scene, scene_of_volume};
 pub use scene_text::{camera_meta, scene_text};
 pub use settings::COMMAND_LINE;
 pub use transfer::{TransferOptions, read_transfer};
-pub use volume::{RawLayout, ReadOptions, is_volume_set, read_volume};
+pub use volume::{RawLayout, ReadOptions, is_volume_set, read_volume, volume_files};

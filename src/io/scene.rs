@@ -16,6 +16,7 @@ use crate::scene::visibility::{Cells, Filter, Method, Quality, Sampling, Visibil
 use glam::DVec3;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Overrides of a scene's keys, (dotted key, value as TOML); the last of a key holds.
 pub type Overrides<'a> = [(&'a str, &'a str)];
@@ -90,7 +91,7 @@ fn build(mut s: Settings, volume: Option<&Path>) -> Result<Scene> {
 pub(super) fn plain(mut s: Settings, volume: Option<&Path>, animation: Option<Animation>, wanted: Option<Wanted>) -> Result<Scene> {
     let volume = volume_settings(&s, volume, animation.as_ref())?;
     if volume.steps.is_some() && animation.as_ref().is_some_and(|a| a.track("volume.number").is_some() || !s.has("volume.number")) {
-        s.origins.animated.insert("volume.file".into(), Vec::new());
+        Arc::make_mut(&mut s.origins.animated).insert("volume.file".into(), Vec::new());
     }
     Ok(Scene {
         volume,

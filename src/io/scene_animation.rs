@@ -6,12 +6,17 @@ use crate::error::{Error, Result};
 use crate::scene::animation::{Animation, CHANNELS, Ease, Keyframe, Shape, Track};
 use crate::scene::keys::nearest;
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use toml::{Table, Value};
 
 const EASES: [(&str, Ease); 3] = [("linear", Ease::Linear), ("smooth", Ease::Smooth), ("hold", Ease::Hold)];
 
 const KEY: &str = "animation.keyframe";
+
+/// Seconds.
+const HALF_MILLISECOND: f64 = 5.001e-4;
 
 /// Most keyframes that are taken seriously: each is checked as a whole scene.
 const MAX_KEYFRAMES: usize = 10_000;
@@ -57,7 +62,10 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
             (Some(_), Some(_)) => return Err(bad("has a frame and a time".into(), "give it one of the two")),
             (Some(frame), None) => number(frame).ok_or_else(|| bad(format!("has frame = {}", short(frame)), "it must be a number"))?,
             (None, Some(time)) => {
-                first + rate * number(time).ok_or_else(|| bad(format!("has time = {}", short(time)), "it must be a number of seconds"))?
+                let time = number(time).ok_or_else(|| bad(format!("has time = {}", short(time)), "it must be a number of seconds"))?;
+                // A frame's time is hardly ever a round number: half a millisecond off, it is that frame's.
+                let frame = first + rate * time;
+                if (frame - frame.round()).abs() <= (HALF_MILLISECOND * rate).min(0.1) { frame.round() } else { frame }
             }
         };
         let mut keys = flat(table);
@@ -85,11 +93,15 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
             s.put(name, value.clone(), origin(s, *i));
         }
     }
+    // Each keyframe is checked as a scene without the others.
+    let mut still = s.clone();
+    still.remove(KEY);
     for (channel, _, _, value, i) in &found {
-        let mut with = s.clone();
+        let mut with = still.clone();
         with.put(CHANNELS[*channel].0, value.clone(), origin(s, *i));
         plain(with, volume, None, None)?;
     }
+    let mut animated: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for (channel, frame, ease, value, i) in found {
         let (name, shape) = CHANNELS[channel];
         let bad = |what: &str, right: &str| Err(wrong(s, i, format!("{what} `{name}`"), right));
@@ -112,8 +124,9 @@ pub(super) fn animation(s: &mut Settings, volume: Option<&Path>) -> Result<Optio
             Some(track) => track.keys.push(key),
         }
         let place = origin(s, i);
-        s.origins.animated.entry(name.into()).or_default().push(place);
+        animated.entry(name.into()).or_default().push(place);
     }
+    s.origins.animated = Arc::new(animated);
     Ok(Some(animation))
 }
 

@@ -37,11 +37,12 @@ pub fn scene_text(scene: &Scene) -> String {
 
 /// Where a picture's camera stands, for its header: `camera`, a [camera] table in world coordinates that any scene of the
 /// volume can have, and [`WORLD_TO_CAMERA`](super::WORLD_TO_CAMERA), row by row, for rows times matrices as OpenEXR has them:
-/// x to the right of the picture, y up, z away from the camera.
+/// x to the right of the picture, y up, z away from the camera; [`SCREEN_WINDOW_WIDTH`](super::SCREEN_WINDOW_WIDTH) of a picture
+/// of `aspect`, width over height.
 ///
 /// # Errors
 /// As [`Camera::check`].
-pub fn camera_meta(camera: &Camera) -> Result<Vec<(String, String)>> {
+pub fn camera_meta(camera: &Camera, aspect: f64) -> Result<Vec<(String, String)>> {
     let [right, up, forward] = camera.basis()?;
     let entries = [("position", camera.position), ("target", camera.target), ("up", camera.up)];
     let mut out = table(entries.map(|(key, v)| (key, floats(v.to_array()))).into());
@@ -55,6 +56,10 @@ pub fn camera_meta(camera: &Camera) -> Result<Vec<(String, String)>> {
     let rows: Vec<f32> = rows.iter().map(|x| *x as f32 + 0.0).collect();
     if rows.iter().all(|x| x.is_finite()) {
         meta.push((super::WORLD_TO_CAMERA.into(), rows.iter().map(f32::to_string).collect::<Vec<_>>().join(" ")));
+    }
+    let width = (2.0 * (camera.fov_degrees / 2.0).to_radians().tan() * aspect) as f32;
+    if width.is_finite() && width > 0.0 {
+        meta.push((super::SCREEN_WINDOW_WIDTH.into(), width.to_string()));
     }
     Ok(meta)
 }

@@ -124,12 +124,16 @@ impl Settings {
             (true, false) => return self.clash(key_a, key_b),
             _ => return self.clash(key_b, key_a),
         };
-        for key in loser {
-            self.values.remove(*key);
-            self.written.remove(*key);
-            self.origins.keys.remove(*key);
-        }
+        loser.iter().for_each(|key| self.remove(key));
         Ok(())
+    }
+
+    /// Forgets `key`.
+    pub fn remove(&mut self, key: &str) {
+        self.values.remove(key);
+        self.written.remove(key);
+        self.entries.remove(key);
+        self.origins.keys.remove(key);
     }
 
     fn clash<T>(&self, key: &str, other: &str) -> Result<T> {

@@ -104,8 +104,22 @@ pub(super) fn read_folder(folder: &Path, files: Vec<PathBuf>, options: &ReadOpti
     }
 }
 
-/// The pictures that a pattern names, in order of their numbers.
+/// Whether a file of a folder is one of its pictures.
+pub(super) fn is_slice(path: &Path) -> bool {
+    is_stack_name(&name_of(path))
+}
+
+/// The pictures that a pattern names.
 pub(super) fn read_pattern(path: &Path, options: &ReadOptions) -> Result<Volume> {
+    let slices = slices(path)?;
+    if let Some(w) = slices.windows(2).find(|w| w[1].0 != w[0].0 + 1) {
+        log::warn!("{}: no slice has a number between {} and {}; the others are taken as evenly spaced", shown(path), w[0].0, w[1].0);
+    }
+    read_slices(path, slices.into_iter().map(|s| s.1).collect(), options)
+}
+
+/// The files that a pattern names with their numbers, in the order of these.
+pub(super) fn slices(path: &Path) -> Result<Vec<(u64, PathBuf)>> {
     let name = name_of(path);
     let first = name.find('#').unwrap_or(0);
     let last = name.rfind('#').map_or(first, |i| i + 1);
@@ -133,10 +147,7 @@ pub(super) fn read_pattern(path: &Path, options: &ReadOptions) -> Result<Volume>
             format!("each # stands for a digit: {head}{}{tail} would be one", "0".repeat(run.len())),
         ));
     }
-    if let Some(w) = slices.windows(2).find(|w| w[1].0 != w[0].0 + 1) {
-        log::warn!("{}: no slice has a number between {} and {}; the others are taken as evenly spaced", shown(path), w[0].0, w[1].0);
-    }
-    read_slices(path, slices.into_iter().map(|s| s.1).collect(), options)
+    Ok(slices)
 }
 
 /// One picture, or the pages of one TIFF.

@@ -11,7 +11,7 @@ use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufReader, Seek};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a headerless file holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -197,6 +197,21 @@ fn kind_of(path: &Path) -> Kind {
 /// Whether `path` is a volume in several files: a folder, or a pattern such as `slice_####.tif` or `step_####.vti`.
 pub fn is_volume_set(path: &Path) -> bool {
     kind_of(path) != Kind::File
+}
+
+/// The files that reading `path` reads: those of a folder or of a pattern of pictures, else the file itself. Parts that a
+/// header names (`.raw`, `.img`) are not among them.
+pub fn volume_files(path: &Path) -> Vec<PathBuf> {
+    let several = match kind_of(path) {
+        Kind::Folder => stack::files_of(path).and_then(|files| {
+            let found = dicom::files_among(&files)?;
+            Ok(if found.is_empty() { files.into_iter().filter(|f| stack::is_slice(f)).collect() } else { found })
+        }),
+        Kind::Pattern => stack::slices(path).map(|slices| slices.into_iter().map(|s| s.1).collect()),
+        Kind::File | Kind::Series => return vec![path.to_owned()],
+    };
+    // What cannot be listed cannot be read: reading says why.
+    several.unwrap_or_default()
 }
 
 fn extension(path: &Path) -> String {

@@ -127,8 +127,21 @@ impl Animation {
 /// The scene at a frame, with nothing left to animate. Before the first keyframe of a track its value holds, and after the
 /// last its own.
 pub fn scene_at(scene: &Scene, frame: i64) -> Scene {
-    let mut out = scene.clone();
-    let Some(animation) = out.animation.take() else { return out };
+    let Some(animation) = &scene.animation else { return scene.clone() };
+    // All but the animation itself, which may be as long as there are frames.
+    let mut out = Scene {
+        volume: scene.volume.clone(),
+        transfer: scene.transfer.clone(),
+        surface: scene.surface.clone(),
+        clip: scene.clip.clone(),
+        light: scene.light.clone(),
+        visibility: scene.visibility.clone(),
+        wanted: scene.wanted,
+        camera: scene.camera,
+        image: scene.image.clone(),
+        animation: None,
+        origins: scene.origins.clone(),
+    };
     if let Some(series) = out.volume.steps.take() {
         let number = match animation.track("volume.number") {
             // Between two numbers the earlier one holds.

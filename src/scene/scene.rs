@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A whole scene. Paths are resolved: usable as they stand.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,8 +76,8 @@ pub struct Origins {
     /// By dotted key.
     pub keys: BTreeMap<String, String>,
     /// What an animation changes: by key, where each keyframe of its track stands. The file of a time series, `volume.file`,
-    /// has no keyframes.
-    pub animated: BTreeMap<String, Vec<String>>,
+    /// has no keyframes. Shared by the scenes of all frames.
+    pub animated: Arc<BTreeMap<String, Vec<String>>>,
 }
 
 impl Origins {

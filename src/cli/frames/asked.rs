@@ -4,7 +4,7 @@ use super::store::Store;
 use crate::cli::args_keys::{OF_FRAMES, check_used, overrides};
 use crate::cli::fail::Failure;
 use crate::cli::layers::Written;
-use crate::cli::output::{Folder, Output, PICTURES};
+use crate::cli::output::{Folder, Inputs, Output, PICTURES};
 use crate::cli::{field_file, load, path_of};
 use clap::ArgMatches;
 use halflight::error::shown;
@@ -15,7 +15,6 @@ use halflight::scene::visibility::{Method, Visibility};
 use halflight::scene::{Scene, scene_at};
 use std::collections::HashSet;
 use std::ffi::OsString;
-use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 
 /// Longest side of a preview, pixels.
@@ -24,8 +23,8 @@ const QUICK_SIDE: usize = 320;
 /// What the command line asks for.
 pub struct Asked {
     pub scene: Scene,
-    /// The scene's folder: files in it are named relative to it, wherever the command runs.
-    home: PathBuf,
+    /// The scene's file.
+    file: PathBuf,
     pub frames: Vec<i64>,
     out: PathBuf,
     pattern: Option<Pattern>,
@@ -44,7 +43,7 @@ impl Asked {
         let path = path_of(m, "scene")?;
         let overrides = overrides(m).map_err(Failure::usage)?;
         check_used(&overrides, OF_FRAMES, "frames").map_err(Failure::usage)?;
-        let scene = load::scene(path, &overrides)?;
+        let mut scene = load::scene(path, &overrides)?;
         let Some(animation) = &scene.animation else {
             let right = "write [animation] with frames = N and [[animation.keyframe]] tables, or use halflight render";
             return Err(Failure::usage(format!("{}: it has no [animation]; {right}", shown(path))));
@@ -61,15 +60,24 @@ impl Asked {
                  write the settings that halflight precompute says it chose, or give its file as --field",
             ));
         }
+        // Frames are of the field that there is, whatever was wished for: their headers and hashes say so.
+        if scene.wanted.is_some()
+            && let Some(made) = field.as_deref().map(field_file::settings).transpose()?.flatten()
+        {
+            (scene.visibility, scene.wanted) = (made, None);
+        }
         let out = path_of(m, "out")?.to_owned();
         Output::kind(&out, PICTURES)?;
         let pattern = Pattern::find(&out);
         if pattern.is_none() && frames.len() > 1 {
-            let right = "give the number a place, such as f.####.exr or f.%04d.exr";
+            let right = match out.file_name().and_then(|n| n.to_str()) {
+                Some(_) => "give the number a place, such as f.####.exr or f.%04d.exr",
+                None => "the number's place is only looked for in a name that is UTF-8",
+            };
             return Err(Failure::usage(format!("{}: {} frames would all be written here; {right}", shown(&out), frames.len())));
         }
         let mut asked = Self {
-            home: path.parent().unwrap_or(Path::new("")).to_owned(),
+            file: path.to_owned(),
             written: Written::of(m, &out)?,
             scene,
             frames,
@@ -118,14 +126,29 @@ impl Asked {
         Ok(())
     }
 
-    /// The folder of the pictures, made where it is missing. Refuses it where a frame's place is taken by what is no file; what
-    /// lies there is asked once, not of each frame.
-    pub fn folder(&self) -> Result<Folder, Failure> {
+    /// The folder of the pictures, made where it is missing. Refuses it where a frame's place is taken by what is no file, or by
+    /// one that `scenes` are made of; what lies there is asked once, not of each frame.
+    pub fn folder(&self, scenes: &[Scene]) -> Result<Folder, Failure> {
         let made = Folder::around(&self.path(self.frames[0]))?;
-        let odd = |e: &DirEntry| e.file_type().is_ok_and(|t| !t.is_file());
-        let odd: HashSet<OsString> = made.entries()?.flatten().filter(odd).map(|e| e.file_name()).collect();
+        let there: HashSet<OsString> = made.entries()?.flatten().map(|e| e.file_name()).collect();
         let paths = self.frames.iter().map(|&frame| self.path(frame));
-        paths.filter(|p| p.file_name().is_some_and(|name| odd.contains(name))).try_for_each(|p| self.output(&p).map(drop))?;
+        let mut taken = paths.filter(|p| p.file_name().is_some_and(|name| there.contains(name))).peekable();
+        if taken.peek().is_some() {
+            let mut inputs = vec![self.file.clone()];
+            for (i, scene) in scenes.iter().enumerate() {
+                if i == 0 || scene.volume.file != scenes[i - 1].volume.file {
+                    inputs.extend(load::inputs(scene));
+                }
+            }
+            inputs.extend(self.field.clone());
+            let inputs = Inputs::of(inputs);
+            for path in taken {
+                if !path.is_file() {
+                    self.output(&path)?;
+                }
+                inputs.spare(&path)?;
+            }
+        }
         Ok(made)
     }
 
@@ -149,8 +172,9 @@ impl Asked {
 
     /// The scene as a header holds it: files in the scene's folder by their names in it.
     pub fn header_text(&self, scene: &Scene) -> String {
+        let home = self.file.parent().unwrap_or(Path::new(""));
         let near = |path: &mut PathBuf| {
-            if let Ok(rest) = path.strip_prefix(&self.home) {
+            if let Ok(rest) = path.strip_prefix(home) {
                 *path = rest.to_owned();
             }
         };

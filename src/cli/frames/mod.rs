@@ -50,13 +50,14 @@ fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure
     let signals = Signals::listen()?;
     let going = || signals.going();
     let asked = Asked::of(m)?;
+    let scenes: Vec<Scene> = asked.frames.iter().map(|&f| asked.scene(f)).collect();
     // Made in vain, it goes again.
-    let _folder = asked.folder()?;
+    let _folder = asked.folder(&scenes)?;
     let mut run = Run {
         asked: &asked,
         session: Session::new(context, asked.field.clone(), asked.store()?, asked.fresh),
         files: Files::default(),
-        scenes: asked.frames.iter().map(|&f| asked.scene(f)).collect(),
+        scenes,
         forecast: Forecast::default(),
         told: None,
         tally: Tally::default(),

@@ -299,7 +299,7 @@ impl<'a> Session<'a> {
         }
         let (_, lit) = self.lit.as_ref().ok_or_else(lost)?;
         let camera = Camera::from_settings(&scene.camera, volume.grid(), scene.image.aspect()).map_err(blame)?;
-        self.camera_meta = io::camera_meta(&camera).map_err(blame)?;
+        self.camera_meta = io::camera_meta(&camera, scene.image.aspect()).map_err(blame)?;
         let medium = &classified.medium;
         let (mut picture, hits) =
             paid.time(RENDER, || engine.render_with_distance(medium, lit, &camera, &scene.image, &mut job(going))).map_err(blame)?;

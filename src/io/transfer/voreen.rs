@@ -49,6 +49,10 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
         return Err(bad(path, format!("its domain is {} to {}", domain[0], domain[1]), "it must ascend"));
     }
     let relative = domain[0] >= 0.0 && domain[1] <= 1.0;
+    if relative && domain != [0.0, 1.0] {
+        // Older files say which part of the normalised values is drawn; the keys are placed in the whole nevertheless.
+        lost.push(format!("domain {} to {}: the data's range takes its place", domain[0], domain[1]));
+    }
     let domain = if relative { [0.0, 1.0] } else { domain };
     points.iter_mut().for_each(|p| p[0] = domain[0] + (domain[1] - domain[0]) * p[0]);
     let mut preset = Preset::of_points(stem, &points);
