@@ -1,6 +1,6 @@
 //! The laws that errors and seconds are predicted by. Their constants were fitted to ten scenes (CT, MR, simulation,
 //! transparent and opaque, an isosurface), 192 cells each, 16 to 128 directions; a scene's own figures are measured. The
-//! scenes are the first ten of the README's table of plans: engine as a medium and as an isosurface, bonsai, aneurism,
+//! scenes are the first ten of the table of plans in docs/measurements.md: engine as a medium and as an isosurface, bonsai, aneurism,
 //! ct_avm, mni152, heptane, hydrogen atom, head_ct, walnut.
 
 use crate::scene::visibility::MAX_SWEPT;

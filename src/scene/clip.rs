@@ -15,7 +15,7 @@ pub const MAX_PLANES: usize = 10;
 pub struct Clip {
     /// Lower and upper corner of the kept box, as fractions 0..1 of the volume's own sides, along its own axes.
     pub bounds: Option<[[f64; 3]; 2]>,
-    /// Kept half spaces n·p ≥ d as [n.x, n.y, n.z, d]; world axes, `d` along the unit normal.
+    /// Kept half spaces n·p ≥ d as [n.x, n.y, n.z, d]; world axes, n taken at length 1, so that `d` is a distance along it.
     pub planes: Vec<[f64; 4]>,
     /// What p and d count in: longest sides from the volume's centre, or world coordinates.
     pub space: Space,
@@ -39,7 +39,7 @@ impl Clip {
             return bad("clip.planes", format!("has {} planes", self.planes.len()), "at most 10 are cut by");
         }
         if let Some(p) = self.planes.iter().find(|p| !p.iter().all(|x| x.is_finite()) || p[..3].iter().all(|x| x.abs() < 1e-12)) {
-            return bad("clip.planes", format!("has {p:?}"), "each is [nx, ny, nz, d] with a normal that is not 0: n·p >= d is kept");
+            return bad("clip.planes", format!("has {p:?}"), "each is [nx, ny, nz, d] with a normal that is not 0, taken at length 1: n·p >= d is kept");
         }
         Ok(())
     }
