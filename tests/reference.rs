@@ -427,9 +427,16 @@ fn a_written_picture_holds_its_standard_error_in_channels_of_their_own() {
     let path = folder.path().join("r.exr");
     let picture = halflight::scene::Picture { width: 3, height: 2, rgba: (0..6).map(|i| [i as f32, 0.5, 0.25, 1.0]).collect() };
     let error: Vec<[f32; 3]> = (0..6).map(|i| [0.1 * i as f32, 0.2, 0.3]).collect();
-    halflight::io::write_exr_with_error(&path, &picture, &error, &[]).expect("written");
+    let write = |error: &[[f32; 3]], covered: Option<&[f32]>| halflight::io::write_exr_with_error(&path, &picture, error, covered, &[]);
+    write(&error, None).expect("written");
     assert_eq!(halflight::io::read_picture_exr(&path).expect("read"), picture);
     let bytes = std::fs::read(&path).expect("bytes");
     assert!([&b"stderr.R\0"[..], b"stderr.G\0", b"stderr.B\0"].iter().all(|name| bytes.windows(9).any(|w| w == *name)));
-    assert!(halflight::io::write_exr_with_error(&path, &picture, &error[1..], &[]).is_err());
+    assert!(write(&error[1..], None).is_err() && halflight::io::read_coverage(&path).expect("read").is_none());
+    // What it covers without its background, beside an alpha of 1.
+    let covered = [0.0, 0.25, 1.0, 0.5, 0.0, 0.75];
+    write(&error, Some(&covered)).expect("written");
+    assert_eq!(halflight::io::read_picture_exr(&path).expect("read"), picture);
+    assert_eq!(halflight::io::read_coverage(&path).expect("read").as_deref(), Some(&covered[..]));
+    assert!(write(&error, Some(&covered[1..])).is_err());
 }

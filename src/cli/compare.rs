@@ -9,6 +9,7 @@ use halflight::Error;
 use halflight::error::shown;
 use halflight::io::{self, PictureKind};
 use halflight::measure::{self, Difference, flip};
+use halflight::scene::scene::Background;
 use serde_json::json;
 use std::path::Path;
 
@@ -23,10 +24,22 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     if let Some(output) = &output {
         output.is_none_of(&paths)?;
     }
-    let [(kind, a), (other, b)] = [io::read_picture(paths[0])?, io::read_picture(paths[1])?];
+    let [(kind, a), (other, mut b)] = [io::read_picture(paths[0])?, io::read_picture(paths[1])?];
     if kind != other {
         let what = |kind| if kind == PictureKind::Radiance { "linear radiance (OpenEXR)" } else { "for display (PNG)" };
         return Err(wrong(paths[0], format!("it is {}, the reference is {}", what(kind), what(other)), "both must be of one kind"));
+    }
+    let own = io::read_coverage(paths[1])?.filter(|own| own.len() == b.rgba.len());
+    if let Some(own) = &own {
+        b.rgba.iter_mut().zip(own).for_each(|(p, &covered)| p[3] = covered);
+    } else if b.rgba.iter().all(|p| p[3] > 0.0) && has_background(paths[1])? {
+        let warning = format!(
+            "{}: its background counts as picture and makes the error over covered pixels look smaller; write the reference as .exr with \
+             render --reference or --aov opacity, which says what the volume covers",
+            shown(paths[1])
+        );
+        log::warn!("{warning}");
+        report.set("warning", json!(warning));
     }
     // The library knows no files: what it refuses is said of them.
     let blame = |e: Error| match e {
@@ -42,7 +55,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 
     let Difference { size: [width, height], covered, max, max_at: [x, y, c], .. } = difference;
     report.line("picture", format!("{}, {width}x{height} pixels", shown(paths[0])));
-    report.line("reference", format!("{}, covers {covered} of {}", shown(paths[1]), width * height));
+    let layer = if own.is_some() { " (its layer opacity; of a background what shines through there counts)" } else { "" };
+    report.line("reference", format!("{}, covers {covered} of {}{layer}", shown(paths[1]), width * height));
     let figure = |v: Option<f64>| v.map_or_else(|| "none: the reference is black".into(), |v| format!("{v:.5}"));
     report.line(
         "rel. RMSE",
@@ -64,6 +78,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     report.line("weighted", weighted.join("  "));
     report.set("picture", json!(paths[0].display().to_string()));
     report.set("reference", json!(paths[1].display().to_string()));
+    report.set("coverage", json!(if own.is_some() { "opacity" } else { "alpha" }));
     report.set("difference", json!(difference));
     report.set(
         "flip",
@@ -86,6 +101,14 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
         report.set("output", json!(output.path.display().to_string()));
     }
     report.finish()
+}
+
+/// Whether a picture was laid over a background, by the scene in its header.
+fn has_background(path: &Path) -> Result<bool, Failure> {
+    let Some(info) = io::describe_picture(path)? else { return Ok(false) };
+    let text = info.meta.iter().find(|(key, _)| key == "scene").map(|(_, text)| text.as_str());
+    let scene = text.and_then(|text| io::parse_scene(text, "", Path::new(""), &[]).ok());
+    Ok(scene.is_some_and(|scene| scene.image.background != Background::Transparent))
 }
 
 fn wrong(path: &Path, what: String, right: &str) -> Failure {

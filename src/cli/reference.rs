@@ -12,6 +12,7 @@ use clap::ArgMatches;
 use halflight::engine::ReferenceSettings;
 use halflight::io;
 use halflight::scene::Sky;
+use halflight::scene::scene::Background;
 use serde_json::json;
 
 /// `halflight render SCENE -o FRAME.exr|png --reference[=ERROR]`
@@ -46,6 +47,9 @@ pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<()
     bar.enter("write");
     let (samples, error) = (reference.samples, reference.relative_error);
     let mut picture = reference.picture;
+    // What the volume covers is not seen in a picture over a background; a comparison asks for it.
+    let covered: Option<Vec<f32>> =
+        (scene.image.background != Background::Transparent).then(|| picture.rgba.iter().map(|p| p[3]).collect());
     background(&scene, &loaded, &mut picture)?;
     report.line("picture", format!("{}x{} pixels", picture.width, picture.height));
     let short = if error > settings.error { format!(", stopped before {}", settings.error) } else { String::new() };
@@ -59,7 +63,7 @@ pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<()
     let mut meta = picture_header(&scene, &loaded, &engine, &spans)?;
     meta.push(("reference".into(), format!("{samples} samples a pixel, relative standard error {error:.6}")));
     match output.kind {
-        Kind::Exr => io::write_exr_with_error(output.place()?, &picture, &reference.standard_error, &meta)?,
+        Kind::Exr => io::write_exr_with_error(output.place()?, &picture, &reference.standard_error, covered.as_deref(), &meta)?,
         _ => output.write(&picture, scene.image.exposure, &meta)?,
     }
     drop(bar);

@@ -1,5 +1,6 @@
 //! OpenEXR: pictures out, pictures and probes in.
 
+use super::exr_layers::{ExrChannel, ExrOptions, write_exr_layers};
 use super::limits::open;
 use super::write_aside;
 use crate::error::{Error, Result};
@@ -35,6 +36,9 @@ pub const SCREEN_WINDOW_WIDTH: &str = "screenWindowWidth";
 /// A number of a picture's header: the standard attribute `framesPerSecond` in OpenEXR, there a fraction.
 pub const FRAMES_PER_SECOND: &str = "framesPerSecond";
 
+/// The channel of what a picture covers, also where it lies over a background: that of `--aov opacity`.
+const COVERAGE: &str = "opacity.Y";
+
 /// Writes linear, premultiplied RGBA (OpenEXR's convention) as 32-bit float, ZIP compressed. Each pair of `meta` becomes a
 /// text attribute `halflight/KEY`, a name that no standard attribute has, but for [`WORLD_TO_CAMERA`],
 /// [`SCREEN_WINDOW_WIDTH`] and [`FRAMES_PER_SECOND`].
@@ -52,35 +56,23 @@ pub fn write_exr(path: &Path, picture: &Picture, meta: &[(String, String)]) -> R
     write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
 }
 
-/// As [`write_exr`], with the standard error of each pixel's R, G, B as the channels `stderr.R`, `stderr.G`, `stderr.B`.
+/// As [`write_exr`], with the standard error of each pixel's R, G, B as the channels `stderr.R`, `stderr.G`, `stderr.B`, and, of a
+/// picture that lies over a background, what it `covered` without one as the channel `opacity.Y`.
 ///
 /// # Errors
-/// As [`write_exr`], and [`Error::Invalid`] where there is not one standard error per pixel.
-pub fn write_exr_with_error(path: &Path, picture: &Picture, standard_error: &[[f32; 3]], meta: &[(String, String)]) -> Result<()> {
-    check(picture)?;
-    if standard_error.len() != picture.rgba.len() {
-        return Err(Error::Invalid {
-            item: "standard error",
-            what: format!("{} values for {} pixels", standard_error.len(), picture.rgba.len()),
-            right: "there must be one per pixel".into(),
-        });
-    }
-    let at = |p: Vec2<usize>| {
-        let i = p.y() * picture.width + p.x();
-        let ([r, g, b, a], [x, y, z]) = (picture.rgba[i], standard_error[i]);
-        (r, g, b, a, x, y, z)
-    };
-    let channels = SpecificChannels::build()
-        .with_channel("R")
-        .with_channel("G")
-        .with_channel("B")
-        .with_channel("A")
-        .with_channel("stderr.R")
-        .with_channel("stderr.G")
-        .with_channel("stderr.B")
-        .with_pixel_fn(at);
-    let layer = Layer::new((picture.width, picture.height), attributes(meta)?, Encoding::SMALL_LOSSLESS, channels);
-    write_aside(path, |out| Image::from_layer(layer).write().to_buffered(out).map_err(|e| trouble(path, "write", e)))
+/// As [`write_exr`], and [`Error::Invalid`] where there is not one standard error, or coverage, per pixel.
+pub fn write_exr_with_error(
+    path: &Path,
+    picture: &Picture,
+    standard_error: &[[f32; 3]],
+    covered: Option<&[f32]>,
+    meta: &[(String, String)],
+) -> Result<()> {
+    let noise = ["stderr.R", "stderr.G", "stderr.B"].into_iter().enumerate();
+    let noise = noise.map(|(c, name)| (name, standard_error.iter().map(|e| e[c]).collect()));
+    let channels = noise.chain(covered.map(|c| (COVERAGE, c.to_vec())));
+    let more: Vec<_> = channels.map(|(name, values)| ExrChannel { name: name.into(), values, full: true }).collect();
+    write_exr_layers(path, picture, &more, ExrOptions::default(), meta)
 }
 
 /// The header's own entries.
@@ -172,6 +164,28 @@ pub fn read_picture_exr(path: &Path) -> Result<Picture> {
         .map_err(|e| trouble(path, "read", e))?;
     let (width, height, rgba) = image.layer_data.channel_data.pixels.whole(path)?;
     Ok(Picture { width, height, rgba })
+}
+
+/// What the picture of a file covers of each pixel where it says so beside its alpha, which is 1 everywhere over a background.
+pub(super) fn read_coverage(path: &Path) -> Result<Option<Vec<f32>>> {
+    let (mut file, _) = open(path)?;
+    if layer(path, &mut file, &["R", "G", "B", COVERAGE], |_, _| None).is_err() {
+        return Ok(None);
+    }
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .specific_channels()
+        .required("R")
+        .required(COVERAGE)
+        .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<1>, at, (_, covered): (f32, f32)| grid.put(at, [covered]))
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(file)
+        .map_err(|e| trouble(path, "read", e))?;
+    let (_, _, covered) = image.layer_data.channel_data.pixels.whole(path)?;
+    Ok(Some(covered.into_iter().flatten().collect()))
 }
 
 /// Width, height and RGB of a probe. `bad_shape` says what would be right, where a size is refused.

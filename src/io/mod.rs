@@ -52,7 +52,7 @@ pub use field_keys::FieldKeys;
 pub use guess::guess_transfer;
 pub use info::{VolumeInfo, describe, describe_file};
 pub use nrrd_field::{NrrdField, is_nrrd_field, read_nrrd_field, write_nrrd_field};
-pub use picture::{PictureInfo, PictureKind, describe_picture, read_picture};
+pub use picture::{PictureInfo, PictureKind, describe_picture, read_coverage, read_picture};
 pub use png::{read_picture_png, write_png};
 pub use probe::{is_probe, read_probe};
 pub use samples::SampleType;

@@ -33,6 +33,17 @@ pub fn read_picture(path: &Path) -> Result<(PictureKind, Picture)> {
     }
 }
 
+/// What a picture's file says that the volume covers of each pixel, in the channel `opacity.Y`: over a background its alpha is 1
+/// everywhere. `None` where it does not say so.
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_coverage(path: &Path) -> Result<Option<Vec<f32>>> {
+    let mut magic = Vec::new();
+    open(path)?.0.take(4).read_to_end(&mut magic).map_err(|e| io(path, "read", e))?;
+    if magic == exr::MAGIC { exr::read_coverage(path) } else { Ok(None) }
+}
+
 /// A picture as this crate wrote it, by its header.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureInfo {

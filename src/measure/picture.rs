@@ -4,7 +4,8 @@ use crate::error::{Error, Result};
 use crate::scene::Picture;
 use serde::Serialize;
 
-/// How picture `a` differs from reference `b`, in linear radiance times coverage (both over black).
+/// How picture `a` differs from reference `b`, in linear radiance times coverage, both over black or over one background: then
+/// `b`'s coverage must be what it was before, or all of the background counts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
     /// Pixels per row, and rows.

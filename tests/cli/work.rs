@@ -70,6 +70,51 @@ fn precompute_writes_the_field() {
 }
 
 #[test]
+fn a_background_does_not_count_as_picture() {
+    if !device() {
+        return;
+    }
+    let f = Folder::new("background");
+    sphere(&f);
+    let json = |arguments: &[&str]| -> Value {
+        let out = halflight(&f.0, &[arguments, &["--json"]].concat());
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let reference = ["--reference=0.05", "--image.background", "0.1,0.1,0.1"];
+    for (file, more) in
+        [("a.exr", &[][..]), ("t.exr", &reference[..1]), ("b.exr", &reference[1..]), ("u.exr", &reference), ("u.png", &reference)]
+    {
+        json(&[&["render", "scene.toml", "-o", file], more].concat());
+    }
+    json(&["render", "scene.toml", "-o", "b.png", "--image.background", "0.1,0.1,0.1"]);
+    // The layer's channel is that of --aov opacity; a reference without a background has none.
+    let channels = |file| json(&["info", file])["picture"]["channels"].as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    assert_eq!(channels("u.exr"), ["A", "B", "G", "R", halflight::stages::aov::LAYERS[5].1[0], "stderr.B", "stderr.G", "stderr.R"]);
+    assert_eq!(channels("t.exr"), ["A", "B", "G", "R", "stderr.B", "stderr.G", "stderr.R"]);
+    let [plain, over] = [json(&["compare", "a.exr", "t.exr"]), json(&["compare", "b.exr", "u.exr"])];
+    let rmse = |v: &Value| v["difference"]["relative_rmse"].as_f64().unwrap();
+    assert_eq!((&plain["coverage"], &over["coverage"]), (&"alpha".into(), &"opacity".into()));
+    assert!(plain["difference"]["covered"] == over["difference"]["covered"] && plain["difference"]["covered"].as_u64().unwrap() < 600);
+    println!(
+        "relative RMSE {} without a background, {} over one, {} with all of it",
+        rmse(&plain),
+        rmse(&over),
+        over["difference"]["relative_rmse_all"]
+    );
+    // What shines through at the edge is picture, the sky beside it is none.
+    assert!(rmse(&over) <= rmse(&plain) && rmse(&over) > 0.6 * rmse(&plain), "{} {}", rmse(&over), rmse(&plain));
+    // Sabotage: of pictures that keep no coverage all of the sky counts, which is said.
+    let out = halflight(&f.0, &["compare", "b.png", "u.png", "--json"]);
+    let (v, said): (Value, _) = (serde_json::from_slice(&out.stdout).unwrap(), String::from_utf8(out.stderr).unwrap());
+    assert!(v["difference"]["covered"] == 1200 && rmse(&v) < 0.6 * rmse(&plain), "{v}");
+    assert!(said.contains("u.png: its background counts as picture") && said.contains("--aov opacity"), "{said}");
+    assert!(said.contains(v["warning"].as_str().unwrap()) && plain.get("warning").is_none() && over.get("warning").is_none());
+    let text = String::from_utf8(halflight(&f.0, &["compare", "b.exr", "u.exr"]).stdout).unwrap();
+    assert!(text.contains("(its layer opacity; "), "{text}");
+}
+
+#[test]
 #[cfg(unix)]
 fn a_signal_ends_render_and_precompute_with_nothing_written() {
     if !device() {
