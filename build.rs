@@ -11,6 +11,8 @@ mod compile;
 mod constants;
 #[path = "build/reflect.rs"]
 mod reflect;
+#[path = "build/sources.rs"]
+mod sources;
 
 fn main() -> ExitCode {
     // The name that programs which link the shared library look for: its version is that of the ABI (HL_ABI).
@@ -32,10 +34,18 @@ fn run() -> Result<(), String> {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=build");
     println!("cargo::rerun-if-changed=glsl");
+    println!("cargo::rerun-if-changed=src");
     println!("cargo::rerun-if-env-changed=GLSLC");
 
     let out = PathBuf::from(std::env::var_os("OUT_DIR").ok_or("OUT_DIR is not set; build with cargo")?);
-    let glsl = Path::new("glsl");
+    let (root, glsl) = (Path::new(""), Path::new("glsl"));
+    println!("cargo::rustc-env=HALFLIGHT_SOURCES={}", sources::hash(root, &["build.rs", "build", "glsl", "src"])?);
+    // The kernels are compiled anew for what they depend on, not for each change in src.
+    let (stamp, kernels) = (out.join("kernels.stamp"), out.join("kernels.rs"));
+    let compiled = format!("{} {:?}", sources::hash(root, &["build.rs", "build", "glsl"])?, std::env::var_os("GLSLC"));
+    if kernels.is_file() && std::fs::read_to_string(&stamp).is_ok_and(|before| before == compiled) {
+        return Ok(());
+    }
     save(&out.join("constants.glsl"), &constants::glsl())?;
 
     let mut sources: Vec<PathBuf> = std::fs::read_dir(glsl)
@@ -54,7 +64,8 @@ fn run() -> Result<(), String> {
         let kernel = reflect::reflect(source, &plain).map_err(|e| format!("{}: {e}", source.display()))?;
         let _ = write!(rust, "{}", kernel.rust(&optimised));
     }
-    save(&out.join("kernels.rs"), &rust)
+    save(&kernels, &rust)?;
+    save(&stamp, &compiled)
 }
 
 fn save(path: &Path, text: &str) -> Result<(), String> {

@@ -48,11 +48,11 @@ pub struct Of<'a> {
 }
 
 impl Of<'_> {
-    /// The field's name. Of the device, too: others round otherwise, and a frame has the same bits whoever computed its field.
+    /// The field's name. Of the device and the build, too: others round otherwise, and a frame has the same bits whoever computed its field.
     fn name(&self) -> String {
         let (device, settings) = (self.engine.device(), settled(&self.scene.visibility));
         let of = (&self.keys.volume, &self.keys.matter, settings, &device.name, &device.driver);
-        fingerprint::text(&format!("field of halflight {}: {of:?}", env!("CARGO_PKG_VERSION")))
+        fingerprint::field(&format!("{of:?}"))
     }
 }
 
