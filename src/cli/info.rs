@@ -131,22 +131,24 @@ pub fn v3(v: [f64; 3]) -> String {
 fn field(report: &mut Report, path: &Path, field: &NrrdField) {
     let (grid, coefficients) = (&field.grid, field.coefficients);
     let [x, y, z] = grid.dims();
-    // v₀₀ of a cell that sees everything is 2√π.
-    let sum: f64 = field.data.iter().step_by(coefficients).map(|&v| f64::from(v)).sum();
-    let visible = sum / grid.voxels() as f64 / (2.0 * std::f64::consts::PI.sqrt());
+    // Cells far from matter are not computed, and zero. v₀₀ of a cell that sees everything is 2√π.
+    let held = field.data.chunks_exact(coefficients).filter(|cell| cell.iter().any(|&v| v != 0.0));
+    let (count, sum) = held.fold((0usize, 0.0), |(n, sum), cell| (n + 1, sum + f64::from(cell[0])));
+    let visible = (count > 0).then(|| sum / count as f64 / (2.0 * std::f64::consts::PI.sqrt()));
     let size = 4 * field.data.len() as u64;
     let corner = grid.voxel_to_world().translation.to_array();
     report.line("field", path.display().to_string());
     report.line("dims", format!("{x}x{y}x{z} cells, {coefficients} coefficients (float32), {}", bytes(size)));
     report.line("spacing", v3(grid.spacing()));
     report.line("corner", v3(corner));
-    report.line("visible", format!("{:.2} % of the directions, on average", 100.0 * visible));
+    let mean = visible.map_or_else(String::new, |v| format!("{:.2} % of the directions, on average over the ", 100.0 * v));
+    report.line("visible", format!("{mean}{count} of {} cells that hold something", grid.voxels()));
     header(report, &field.meta);
     report.set(
         "field",
         json!({
             "dims": grid.dims(), "coefficients": coefficients, "bytes": size, "spacing": grid.spacing(), "corner": corner,
-            "visible": visible,
+            "visible": visible, "cells_held": count,
         }),
     );
 }

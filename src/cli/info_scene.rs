@@ -19,7 +19,12 @@ const SHOWN: usize = 6;
 pub fn say(report: &mut Report, scene: &Scene, loaded: &Loaded) {
     let (grid, v) = (loaded.volume.grid(), &scene.visibility);
     let [fx, fy, fz] = grid.field_dims(v.ratio as usize);
-    let (kept, scratch) = precompute_memory(grid, v);
+    // A plan finds the ratio, too, unless it is given; what it takes of memory it says then.
+    let known = scene.wanted.is_none() || scene.origins.keys.contains_key("visibility.ratio");
+    let mut field = json!({ "coefficients": v.coefficients(), "tolerance": scene.wanted.map(|w| w.tolerance()) });
+    if known {
+        field["dims"] = json!([fx, fy, fz]);
+    }
     match scene.surface {
         Some(s) => report.line("surface", format!("iso {}, {}", s.iso, word(s.shading))),
         None => report.line(
@@ -35,15 +40,20 @@ pub fn say(report: &mut Report, scene: &Scene, loaded: &Loaded) {
         },
     );
     match scene.wanted {
-        Some(wanted) => report.line("field", format!("planned when it is computed, for an error of {}", wanted.tolerance())),
+        Some(wanted) => {
+            let dims = if known { format!("{fx}x{fy}x{fz}, ") } else { String::new() };
+            report.line("field", format!("{dims}planned when it is computed, for an error of {}", wanted.tolerance()));
+        }
         None => {
             report.line(
                 "field",
                 format!("{fx}x{fy}x{fz}, {} coefficients, {} directions, {}", v.coefficients(), v.directions, word(v.method)),
             );
+            let (kept, scratch) = precompute_memory(grid, v);
+            report.line("memory", format!("at most {} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
+            (field["bytes"], field["scratch_bytes"]) = (json!(kept), json!(scratch));
         }
     }
-    report.line("memory", format!("at most {} for the field, {} more while it is computed", bytes(kept), bytes(scratch)));
     let (p, t) = (loaded.camera.position, loaded.camera.target);
     report.line("camera", format!("at {} towards {}, {} degrees", v3(p.to_array()), v3(t.to_array()), loaded.camera.fov_degrees));
     report.line("image", format!("{}x{} pixels", scene.image.width, scene.image.height));
@@ -57,7 +67,7 @@ pub fn say(report: &mut Report, scene: &Scene, loaded: &Loaded) {
     }
     let given: serde_json::Map<String, Value> = scene.origins.keys.iter().map(|(k, o)| (k.clone(), json!(o))).collect();
     report.set("given", Value::Object(given));
-    report.set("field", json!({ "dims": [fx, fy, fz], "coefficients": v.coefficients(), "bytes": kept, "scratch_bytes": scratch }));
+    report.set("field", field);
     report.set("camera", json!({ "position": p.to_array(), "target": t.to_array(), "fov": loaded.camera.fov_degrees }));
     report.set("image", json!({ "width": scene.image.width, "height": scene.image.height }));
 }

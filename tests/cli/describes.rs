@@ -23,6 +23,18 @@ fn info_describes_volumes_and_scenes() {
     let s = json(&["info", "s.toml", "--camera.fov", "40", "--json"]);
     assert_eq!((&s["kind"], &s["camera"]["fov"]), (&"scene".into(), &serde_json::json!(40.0)));
     assert_eq!((&s["field"]["dims"], &s["given"]["camera.fov"]), (&serde_json::json!([2, 2, 1]), &"command line".into()));
+    assert!(s["field"]["bytes"].as_u64() > Some(0) && s["field"]["tolerance"].is_null());
+    // Of a field that a plan will choose only what is asked for is known.
+    let planned = ["info", "s.toml", "--visibility.tolerance", "0.05"];
+    f.file("p.toml", "volume.file = 'v.nrrd'\nvisibility.tolerance = 0.1");
+    let [given, free] = [&planned[..], &["info", "p.toml"]].map(|arguments| {
+        let text = String::from_utf8(halflight(&f.0, arguments).stdout).unwrap();
+        assert!(text.contains("planned when it is computed, for an error of 0.") && !text.contains("memory"), "{text}");
+        (json(&[arguments, &["--json"]].concat())["field"].clone(), text)
+    });
+    assert_eq!(given.0, serde_json::json!({ "coefficients": 16, "tolerance": 0.05, "dims": [2, 2, 1] }));
+    assert_eq!(free.0, serde_json::json!({ "coefficients": 16, "tolerance": 0.1 }));
+    assert!(given.1.contains("field      2x2x1, planned") && free.1.contains("field      planned"));
     let text = String::from_utf8(halflight(&f.0, &["info", "v.nrrd"]).stdout).unwrap();
     assert!(text.contains("4x3x2 uint8, 24 B") && text.contains("0 to 23"), "{text}");
     let mut nan = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 2 1 1\nencoding: raw\nendian: little\n\n".to_vec();
@@ -67,6 +79,20 @@ fn info_describes_fields_and_probes() {
         let text = String::from_utf8(halflight(&f.0, &["info", "field.nrrd"]).stdout).unwrap();
         assert!(text.contains(&format!("3x2x1 cells, {coefficients} coefficients")), "{text}");
         assert!(text.contains("50.00 %") && text.contains("\n  file = \"v.nrrd\"\n") && text.contains("device     d"), "{text}");
+    }
+    // Cells that are not computed are zero, and no part of the average.
+    let grid = Grid::axis_aligned([6, 4, 2], [0.5, 1.0, 2.0]).unwrap();
+    for (held, visible, says) in [
+        (2, Some(0.5), "50.00 % of the directions, on average over the 2 of 6 cells that hold something"),
+        (0, None, "visible    0 of 6 cells"),
+    ] {
+        let data: Vec<f32> = (0..6 * 4).map(|i| if i < held * 4 { v00 } else { 0.0 }).collect();
+        halflight::io::write_nrrd_field(&f.0.join("field.nrrd"), [3, 2, 1], 4, &data, &grid, &[]).unwrap();
+        let v = json(&["info", "field.nrrd", "--json"]);
+        assert_eq!(v["field"]["cells_held"], held);
+        assert!(v["field"]["visible"].as_f64().map(|v| (v * 1e4).round() / 1e4) == visible, "{v}");
+        let text = String::from_utf8(halflight(&f.0, &["info", "field.nrrd"]).stdout).unwrap();
+        assert!(text.contains(says), "{text}");
     }
     fails(&f, &["info", "field.nrrd", "--volume.nan_as", "3"], 2, "`volume.nan_as` changes nothing in the description of a field");
     let whole = std::fs::read(f.0.join("field.nrrd")).unwrap();
