@@ -216,6 +216,12 @@ fn a_tolerance_beside_a_field_is_refused_on_the_command_line_only() {
         let (code, _, err) = run(here.path(), &[&["render", "t.toml", "-o", "x.exr", "--frame", "1", "--field", "f.nrrd"], more].concat());
         assert!(code == 2 && err.contains(part), "{more:?}: {code} {err}");
     }
+    // A preview has settings of its own, which take the place of the scene's, not of the command line's.
+    let quick = ["t.toml", "-o", "q/f.#.exr", "--frames", "1-2", "--quick"];
+    refused(here.path(), &[&quick[..], &["--visibility.quality", "fine"]].concat(), 2, "frames would differ from run to run");
+    refused(here.path(), &quick[..5], 2, "frames would differ from run to run");
+    let (code, out, err) = run(here.path(), &[&["frames"], &quick[..]].concat());
+    assert!(code == 0 && out.contains("a field at 1:8 swept in 32 directions"), "{code} {out} {err}");
     // In the scene it is how the field was made.
     let (code, _, err) = run(here.path(), &["render", "t.toml", "-o", "x.exr", "--frame", "1", "--field", "f.nrrd"]);
     assert_eq!(code, 0, "{err}");

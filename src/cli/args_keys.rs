@@ -18,6 +18,9 @@ pub const OF_SCENE: &[&str] = &["volume", "transfer", "surface", "clip", "light"
 /// All of a scene and its animation.
 pub const OF_FRAMES: &[&str] = &["volume", "transfer", "surface", "clip", "light", "visibility", "camera", "image", "animation"];
 
+/// What has a plan find settings: `frames` hides these options, for it refuses them.
+pub const PLANNED: [&str; 2] = ["visibility.tolerance", "visibility.quality"];
+
 /// What a chart uses: the estimators' own settings are what it varies.
 pub const OF_CHART: &[&str] = &["volume", "transfer", "surface", "light", "visibility.ratio", "camera", "image"];
 
@@ -84,6 +87,7 @@ pub fn scene_args(used: &[&str]) -> Vec<Arg> {
             .help(key_help(k))
             .help_heading(heading(table))
             .hide_short_help(many)
+            .hide(used == OF_FRAMES && PLANNED.contains(&k.name))
             .action(ArgAction::Append)
             .allow_hyphen_values(k.value.starts_with('['))
             .allow_negative_numbers(!k.value.starts_with('['))

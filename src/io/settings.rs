@@ -121,8 +121,9 @@ impl Settings {
         let loser = match (over(self, a), over(self, b)) {
             (true, false) if self.has(a[0]) => b,
             (false, true) if self.has(b[0]) => a,
-            (true, false) => return self.clash(key_a, key_b),
-            _ => return self.clash(key_b, key_a),
+            (true, false) => return self.clash(key_a, key_b, a[0]),
+            (false, true) => return self.clash(key_b, key_a, b[0]),
+            _ => return self.clash(key_b, key_a, ""),
         };
         loser.iter().for_each(|key| self.remove(key));
         Ok(())
@@ -136,8 +137,13 @@ impl Settings {
         self.origins.keys.remove(key);
     }
 
-    fn clash<T>(&self, key: &str, other: &str) -> Result<T> {
-        Err(self.origins.error(key, format!("cannot stand beside `{other}`"), "give one of the two"))
+    /// The `main` key of the command line's group would displace the other.
+    fn clash<T>(&self, key: &str, other: &str, main: &str) -> Result<T> {
+        let right = match main {
+            "" => "give one of the two".into(),
+            main => format!("give one of the two; `{main}` on the command line, too, takes the place of the scene's `{other}`"),
+        };
+        Err(self.origins.error(key, format!("cannot stand beside `{other}`"), right))
     }
 
     fn wrong<T>(&self, key: &str, right: &str) -> Result<T> {

@@ -77,7 +77,7 @@ pub const KEYS: &[Key] = &[
         "visibility.tolerance",
         "ERROR",
         "none",
-        "largest field error: method, ratio, directions, near, step and bits are found by measuring",
+        "largest field error: method (march or sweep), ratio, directions, near, step and bits are found by measuring",
     ),
     key("visibility.quality", "draft|normal|fine", "none", "tolerance 0.12, 0.06 or 0.03, and a field at 1:8, 1:4 or 1:2"),
     key("visibility.method", "march|hierarchical|sweep", "hierarchical", "dense march (the reference), opacity pyramid, or swept slices"),
@@ -88,7 +88,7 @@ pub const KEYS: &[Key] = &[
     key("visibility.filter", "box|product|axis|extinction", "axis", "how the opacity pyramid joins two successive cells"),
     key("visibility.sampling", "stratified|jittered", "stratified", "one well-spread set of directions, or jittered patterns"),
     key("visibility.growth", "FACTOR", "0.25", "growth of the pyramid's steps with distance"),
-    key("visibility.step", "VOXELS", "1", "step of the dense march"),
+    key("visibility.step", "VOXELS", "1", "step of the dense march, and of a sweep near its cell"),
     key("visibility.near", "SLICES", "1", "cells that a sweep marches densely before it trusts the swept value"),
     key(
         "visibility.fit",

@@ -148,6 +148,46 @@ fn overrides_replace_keys_and_pass_the_same_checks() {
 }
 
 #[test]
+fn a_plan_and_the_settings_that_it_finds_displace_each_other() {
+    use halflight::scene::visibility::{Quality, Wanted};
+    let found = [
+        ("method", "\"march\""),
+        ("directions", "9"),
+        ("near", "2"),
+        ("fit", "8"),
+        ("step", "2"),
+        ("sampling", "\"jittered\""),
+        ("filter", "\"box\""),
+        ("growth", "1"),
+    ];
+    let all: String = found.iter().map(|(key, value)| format!("{key} = {value}\n")).collect();
+    let of = |keys: &str| format!("volume.file = 'a'\n[visibility]\nratio = 2\nbits = 16\n{keys}");
+    // The command line's takes the place of all the scene's; what may stand beside it stays.
+    for (key, value, wanted) in [("tolerance", "0.05", Wanted::Tolerance(0.05)), ("quality", "fine", Wanted::Quality(Quality::Fine))] {
+        let s = with(&of(&all), &[(&format!("visibility.{key}"), value)]).unwrap();
+        let plain = Visibility { ratio: 2, bits: 16, ..Visibility::default() };
+        assert_eq!((s.wanted, s.visibility), (Some(wanted), plain));
+        for (other, value) in &found {
+            // Both from one place are refused.
+            let both = with(&of(&format!("{key} = {}\n{other} = {value}", if key == "quality" { "'fine'" } else { "0.05" })), &[]);
+            assert!(
+                both.unwrap_err().contains(&format!("`visibility.{other}` cannot stand beside `visibility.{key}`; give one of the two"))
+            );
+        }
+        let both = [(format!("visibility.{key}"), value), ("visibility.near".into(), "2")];
+        let both = both.each_ref().map(|(k, v)| (k.as_str(), *v));
+        assert!(with(&of(""), &both).unwrap_err().ends_with("give one of the two"));
+    }
+    // A method, too; of what belongs to it alone, the refusal says how.
+    let planned = of("tolerance = 0.05");
+    let s = with(&planned, &[("visibility.method", "sweep"), ("visibility.directions", "64")]).unwrap();
+    assert_eq!((s.wanted, s.visibility.method, s.visibility.directions), (None, Method::Sweep, 64));
+    let alone = with(&planned, &[("visibility.directions", "64")]).unwrap_err();
+    let right = "give one of the two; `visibility.method` on the command line, too, takes the place of the scene's `visibility.tolerance`";
+    assert!(alone.ends_with(right), "{alone}");
+}
+
+#[test]
 fn overrides_are_written_as_people_write_numbers() {
     for albedo in ["[.9, .5, 1.]", "[0.9,+.5,1.0]", ".9,.5,1", "[9.e-1, 50e-2, 1]"] {
         let s = with("volume.file='a'\nsurface.iso=1", &[("surface.albedo", albedo)]).unwrap();

@@ -1,7 +1,7 @@
 //! What the command line of `frames` asks for.
 
 use super::store::Store;
-use crate::cli::args_keys::{OF_FRAMES, check_used, overrides};
+use crate::cli::args_keys::{OF_FRAMES, PLANNED, check_used, overrides};
 use crate::cli::fail::Failure;
 use crate::cli::layers::Written;
 use crate::cli::output::{Folder, Inputs, Output, PICTURES};
@@ -54,7 +54,9 @@ impl Asked {
         };
         frames.iter().try_for_each(|&frame| load::check_frame(animation, frame, "--frames"))?;
         let field = field_file::given(m, &scene)?;
-        if scene.wanted.is_some() && field.is_none() {
+        // A preview has settings of its own; what the command line asks for beside it would change nothing.
+        let chosen = m.get_flag("quick") && !overrides.iter().any(|(key, _)| PLANNED.contains(&key.as_str()));
+        if scene.wanted.is_some() && field.is_none() && !chosen {
             return Err(Failure::usage(
                 "a tolerance or quality picks settings by measuring time, and frames would differ from run to run; \
                  write the settings that halflight precompute says it chose, or give its file as --field",
@@ -109,6 +111,7 @@ impl Asked {
             (image.width, image.height) = (side(image.width), side(image.height));
         }
         let v = &self.scene.visibility;
+        self.scene.wanted = None;
         self.scene.visibility = Visibility {
             method: Method::Sweep,
             ratio: 8,
