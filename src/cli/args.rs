@@ -12,16 +12,20 @@ pub fn command() -> Command {
         .about("Natural light for scalar volumes: visibility in spherical harmonics, precomputed on any Vulkan device")
         .after_help(
             "Exit codes: 0 done, 1 internal error or validation messages, 2 wrong usage, 3 bad input or output file, \
-             4 no usable device, 5 out of memory, 6 device lost, 130 and 143 stopped by a signal.",
+             4 no usable device, 5 out of memory, 6 device lost, 130 and 143 stopped by a signal.\n\n\
+             RUST_LOG (error, warn, info, debug, trace) says what is logged on stderr, in place of -v.\n\
+             Compiled kernels are kept in $XDG_CACHE_HOME/halflight, or else ~/.cache/halflight; the folder may be deleted.",
         )
         .subcommand_required(true)
         .arg_required_else_help(true)
         .args(global())
+        .args(device("Device, of demo, precompute, render, frames and chart"))
         .subcommand(
             Command::new("demo")
                 .about("Light a made-up machine part with a made-up sky: a translucent and an opaque picture, no files needed")
                 .arg(path("out", "DIR", "where the pictures go").short('o').long("out").default_value("halflight-demo"))
-                .arg(Arg::new("quick").long("quick").action(ArgAction::SetTrue).help("coarser field, smaller pictures")),
+                .arg(Arg::new("quick").long("quick").action(ArgAction::SetTrue).help("coarser field, smaller pictures"))
+                .args(device("Device")),
         )
         .subcommand(
             Command::new("info")
@@ -88,6 +92,7 @@ pub fn command() -> Command {
                 .arg(measure("60", "measure the field's error against a dense reference, in about so many seconds of device time at most [60]"))
                 .arg(frame())
                 .args(wanted())
+                .args(device("Device"))
                 .args(scene_args(OF_FIELD))
                 .arg(nan_as()),
         )
@@ -105,6 +110,7 @@ pub fn command() -> Command {
                         .conflicts_with("reference"),
                 )
                 .args(reference())
+                .args(device("Device"))
                 .args(scene_args(OF_SCENE))
                 .arg(nan_as()),
         )
@@ -142,6 +148,7 @@ pub fn command() -> Command {
                         .default_value("auto")
                         .help("a bar, a line per frame, what Open Job Description listens to, JSON lines, or none: the summary alone"),
                 )
+                .args(device("Device"))
                 .args(scene_args(OF_FRAMES))
                 .arg(nan_as()),
         )
@@ -161,6 +168,7 @@ pub fn command() -> Command {
                         .value_parser(parse_seconds)
                         .help("time for all scenes together (default: 540, with --quick 48)"),
                 )
+                .args(device("Device"))
                 .args(scene_args(OF_CHART))
                 .arg(nan_as()),
         )
@@ -179,28 +187,6 @@ pub fn command() -> Command {
 fn global() -> Vec<Arg> {
     vec![
         Arg::new("json").long("json").action(ArgAction::SetTrue).help("one JSON object on stdout, nothing else").global(true),
-        Arg::new("device")
-            .long("device")
-            .value_name("DEVICE")
-            .help("device by place in `halflight devices`, part of its name, or uuid")
-            .global(true),
-        Arg::new("threads")
-            .long("threads")
-            .value_name("N")
-            .value_parser(value_parser!(u32).range(1..=1024))
-            .help("threads of a CPU device (lavapipe)")
-            .global(true),
-        Arg::new("validate")
-            .long("validate")
-            .action(ArgAction::SetTrue)
-            .help("run under the Vulkan validation layers; any message fails the command")
-            .global(true),
-        Arg::new("memory")
-            .long("memory")
-            .value_name("BUDGET")
-            .value_parser(parse_bytes)
-            .help("most device memory to use: 512M, 1.5G")
-            .global(true),
         Arg::new("verbose")
             .short('v')
             .long("verbose")
@@ -208,6 +194,26 @@ fn global() -> Vec<Arg> {
             .help("say more on stderr; twice for still more")
             .global(true),
     ]
+}
+
+/// Options of the commands that open a device, before the command or behind it.
+pub const OF_DEVICE: [&str; 4] = ["device", "threads", "memory", "validate"];
+
+fn device(heading: &'static str) -> [Arg; 4] {
+    [
+        Arg::new("device").long("device").value_name("DEVICE").help("device by place in `halflight devices`, part of its name, or uuid"),
+        Arg::new("threads")
+            .long("threads")
+            .value_name("N")
+            .value_parser(value_parser!(u32).range(1..=1024))
+            .help("threads of a CPU device (lavapipe)"),
+        Arg::new("memory").long("memory").value_name("BUDGET").value_parser(parse_bytes).help("most device memory to use: 512M, 1.5G"),
+        Arg::new("validate")
+            .long("validate")
+            .action(ArgAction::SetTrue)
+            .help("run under the Vulkan validation layers; any message fails the command"),
+    ]
+    .map(|a| a.help_heading(heading))
 }
 
 fn flag(id: &'static str, help: &'static str) -> Arg {
@@ -241,12 +247,11 @@ fn measure(seconds: &'static str, help: &'static str) -> Arg {
 /// What a plan is asked for, in short.
 fn wanted() -> [Arg; 2] {
     [
-        Arg::new("tolerance")
-            .long("tolerance")
-            .value_name("ERROR")
-            .conflicts_with("quality")
-            .allow_negative_numbers(true)
-            .help("largest field error at its cells, such as 0.05: finds the cheapest settings that meet it, and a ratio (to 1:2) that misses no more between them"),
+        Arg::new("tolerance").long("tolerance").value_name("ERROR").conflicts_with("quality").allow_negative_numbers(true).help(
+            "largest field error at its cells, such as 0.05: finds the cheapest march or sweep that meets it, and a ratio (to 1:2) \
+                 that misses no more between them; takes the place of the scene's method and its settings, while a ratio, bits, bands and \
+                 cells that the scene names stay",
+        ),
         Arg::new("quality")
             .long("quality")
             .value_name("draft|normal|fine")

@@ -27,6 +27,7 @@ mod transfer;
 
 use clap::ArgMatches;
 use clap::error::ErrorKind;
+use clap::parser::ValueSource;
 use fail::Failure;
 use halflight::engine::{Engine, Options};
 use halflight::error::bytes;
@@ -102,13 +103,7 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         Err(e) => return Err(e.into()),
     };
     let Some((name, m)) = matches.subcommand() else { return Err(Failure::usage("a command is missing; see halflight --help")) };
-    let options = Options {
-        device: m.get_one::<String>("device").cloned(),
-        threads: m.get_one::<u32>("threads").map(|&n| n as usize),
-        validation: m.get_flag("validate"),
-        memory_budget: m.get_one::<u64>("memory").copied(),
-        ..Options::default()
-    };
+    let options = options(&matches, name, m)?;
     log_to_stderr(m.get_count("verbose"));
     let context = Context { json: m.get_flag("json"), options };
     match name {
@@ -123,6 +118,25 @@ fn run(arguments: &[OsString]) -> Result<(), Failure> {
         "chart" => chart::run(&context, m),
         _ => devices(&context),
     }
+}
+
+/// What is wished of the device: behind the command, or before it.
+fn options(before: &ArgMatches, name: &str, m: &ArgMatches) -> Result<Options, Failure> {
+    let given =
+        |m: &ArgMatches, id: &str| matches!(m.try_contains_id(id), Ok(true)) && m.value_source(id) == Some(ValueSource::CommandLine);
+    // A flag has a value wherever it is known, also where it was not given.
+    let opens = matches!(m.try_contains_id("validate"), Ok(true));
+    if let Some(id) = args::OF_DEVICE.into_iter().find(|id| !opens && given(before, id)) {
+        return Err(Failure::usage(format!("--{id} changes nothing in `{name}`, which opens no device; drop it")));
+    }
+    let at = |id: &str| if given(m, id) { m } else { before };
+    Ok(Options {
+        device: at("device").get_one::<String>("device").cloned(),
+        threads: at("threads").get_one::<u32>("threads").map(|&n| n as usize),
+        validation: at("validate").get_flag("validate"),
+        memory_budget: at("memory").get_one::<u64>("memory").copied(),
+        ..Options::default()
+    })
 }
 
 /// A path argument that clap has made sure of.

@@ -26,7 +26,7 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
 
 fn computed(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Failure> {
     let mut report = context.report();
-    let (mut scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], OF_FIELD)?;
+    let (mut scene, output) = asked(m, &[("nrrd", Kind::Nrrd)], (OF_FIELD, "a visibility field"))?;
     let budget = m.get_one::<f64>("measure").copied();
     let mut stages = vec![load::READ, "upload", "visibility", "write"];
     if budget.is_some() {

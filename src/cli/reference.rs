@@ -18,7 +18,7 @@ use serde_json::json;
 /// `halflight render SCENE -o FRAME.exr|png --reference[=ERROR]`
 pub fn render(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Failure> {
     let mut report = context.report();
-    let (scene, output) = asked(m, PICTURES, OF_REFERENCE)?;
+    let (scene, output) = asked(m, PICTURES, (OF_REFERENCE, "a reference picture"))?;
     let defaults = ReferenceSettings::default();
     let settings = ReferenceSettings {
         error: m.get_one("reference").copied().unwrap_or(defaults.error),

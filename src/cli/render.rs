@@ -1,7 +1,7 @@
 //! `render`, and what `precompute` shares with it: the straight line from a scene to a file.
 
 use super::Context;
-use super::args_keys::{OF_REFERENCE, OF_SCENE, check_used, overrides};
+use super::args_keys::{OF_SCENE, check_used, overrides};
 use super::fail::Failure;
 use super::field_file;
 use super::layers::{Layers, Written};
@@ -39,7 +39,7 @@ pub fn stoppable(work: impl FnOnce(&Signals) -> Result<(), Failure>) -> Result<(
 
 fn plain(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Failure> {
     let mut report = context.report();
-    let (mut scene, output) = asked(m, PICTURES, OF_SCENE)?;
+    let (mut scene, output) = asked(m, PICTURES, (OF_SCENE, "a single picture"))?;
     let (given, written) = (field_file::given(m, &scene)?, Written::of(m, &output.path)?);
     let mut stages = vec![load::READ, "upload", "visibility", "relight", "render", "write"];
     let budget = m.get_one::<f64>("measure").copied();
@@ -109,12 +109,11 @@ pub fn picture_header(scene: &Scene, loaded: &Loaded, engine: &Engine, spans: &[
     Ok(meta)
 }
 
-/// The scene and the checked output of a command line.
-pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], used: &[&str]) -> Result<(Scene, Output), Failure> {
+/// The scene and the checked output of a command line, for `work` by the keys that it uses.
+pub fn asked(m: &ArgMatches, kinds: &[(&str, Kind)], (used, work): (&[&str], &str)) -> Result<(Scene, Output), Failure> {
     let path = path_of(m, "scene")?;
     let overrides = overrides(m).map_err(Failure::usage)?;
-    check_used(&overrides, used, if used == OF_REFERENCE { "a reference picture" } else { "a visibility field" })
-        .map_err(Failure::usage)?;
+    check_used(&overrides, used, work).map_err(Failure::usage)?;
     let output = Output::check(path_of(m, "out")?, kinds)?;
     let mut scene = load::scene(path, &overrides)?;
     if let Some(&frame) = m.try_get_one::<i64>("frame").ok().flatten() {

@@ -1,4 +1,4 @@
-//! How wrong a field or a picture is, measured against its reference (`physics.md`'s definitions, stated here too).
+//! How wrong a field or a picture is, measured against its reference (definitions below).
 //!
 //! - [`field_error`], [`errors`]: relative L2 over cells and coefficients, whole and by band, with bootstrap intervals.
 //! - [`Plan`], [`Report`]: the same of a computed field against the dense reference, before and after packing, within a

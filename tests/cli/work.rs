@@ -166,4 +166,9 @@ fn too_little_memory_is_5_and_an_unknown_device_4() {
         "{stderr}"
     );
     fails(&f, &["render", "scene.toml", "-o", "x.png", "--device", "no such device"], 4, "no such device");
+    // Before the command, too; what stands behind it holds.
+    fails(&f, &["--device", "none such", "render", "scene.toml", "-o", "x.png"], 4, "none such");
+    fails(&f, &["--device", "none such", "render", "scene.toml", "-o", "x.png", "--device", "no such device"], 4, "no such device");
+    let out = halflight(&f.0, &["--threads", "2", "--memory", "1K", "render", "scene.toml", "-o", "x.png"]);
+    assert_eq!(out.status.code(), Some(5), "{}", String::from_utf8_lossy(&out.stderr));
 }
