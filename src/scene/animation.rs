@@ -132,13 +132,13 @@ pub fn scene_at(scene: &Scene, frame: i64) -> Scene {
     let mut out = Scene {
         volume: scene.volume.clone(),
         transfer: scene.transfer.clone(),
-        surface: scene.surface.clone(),
+        surface: scene.surface,
         clip: scene.clip.clone(),
         light: scene.light.clone(),
         visibility: scene.visibility.clone(),
         wanted: scene.wanted,
         camera: scene.camera,
-        image: scene.image.clone(),
+        image: scene.image,
         animation: None,
         origins: scene.origins.clone(),
     };

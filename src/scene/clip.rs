@@ -39,7 +39,11 @@ impl Clip {
             return bad("clip.planes", format!("has {} planes", self.planes.len()), "at most 10 are cut by");
         }
         if let Some(p) = self.planes.iter().find(|p| !p.iter().all(|x| x.is_finite()) || p[..3].iter().all(|x| x.abs() < 1e-12)) {
-            return bad("clip.planes", format!("has {p:?}"), "each is [nx, ny, nz, d] with a normal that is not 0, taken at length 1: n·p >= d is kept");
+            return bad(
+                "clip.planes",
+                format!("has {p:?}"),
+                "each is [nx, ny, nz, d] with a normal that is not 0, taken at length 1: n·p >= d is kept",
+            );
         }
         Ok(())
     }

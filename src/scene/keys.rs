@@ -65,7 +65,12 @@ pub const KEYS: &[Key] = &[
     key("surface.shading", "lambert|isotropic", "lambert", "diffuse about the normal, or without a normal as in the volume"),
     key("surface.albedo", "[R, G, B]", "the transfer function's at iso", "linear albedo of the surface"),
     key("clip.box", "[X0, Y0, Z0, X1, Y1, Z1]", "none", "what is kept, as fractions 0..1 of the volume's own sides; vacuum outside"),
-    key("clip.planes", "[[NX, NY, NZ, D], …]", "none", "half spaces n.p >= d that are kept, n taken at length 1, world axes, at most 10; vacuum beyond"),
+    key(
+        "clip.planes",
+        "[[NX, NY, NZ, D], …]",
+        "none",
+        "half spaces n.p >= d that are kept, n taken at length 1, world axes, at most 10; vacuum beyond",
+    ),
     key("clip.space", "side|world", "side", "d in longest sides from the volume's centre, or in world coordinates"),
     key("light.probe", "PATH", "none", "lat-long light probe, Radiance .hdr or .exr"),
     key("light.constant", "[R, G, B]", "[1, 1, 1]", "linear radiance from all around, in place of a probe"),
