@@ -455,9 +455,9 @@ typedef struct hl_precompute_info {
     hl_transfer *transfer;     /* NULL: a grey ramp */
     const hl_surface *surface; /* NULL: the translucent volume */
     hl_field *previous;        /* shared instead of computed anew if only colours differ from it; may be NULL */
-    int32_t method;            /* 0: hierarchical */
+    int32_t method;            /* 0: sweep */
     int32_t ratio;             /* voxels per cell along an axis: 1, 2, 4, 8; 0: 4 */
-    uint32_t directions;       /* 0: 400 */
+    uint32_t directions;       /* 0: 128 */
     int32_t bands;             /* 1 to 4; 0: 4 */
     int32_t bits;              /* 8, 16, 32; 0: 8 */
     int32_t filter;            /* hierarchical; 0: axis */

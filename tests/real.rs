@@ -53,7 +53,7 @@ fn field_error_of_both_estimators_on_the_engine_block() {
         assert!((packed[0] - e.relative_l2).abs() < 0.01 && (packed[1] - e.relative_l2).abs() < 1e-3);
         e.relative_l2
     };
-    let base = Visibility { ratio: 4, directions: 400, ..Visibility::default() };
+    let base = Visibility { method: Method::Hierarchical, ratio: 4, directions: 400, ..Visibility::default() };
     let march = |sampling| Visibility { method: Method::March, sampling, ..base.clone() };
     let stratified = error(&march(Sampling::Stratified));
     let jittered = error(&march(Sampling::Jittered));

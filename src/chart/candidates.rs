@@ -168,7 +168,7 @@ mod tests {
         let grid = Grid::axis_aligned([64; 3], [1.0; 3]);
         let Ok(grid) = grid else { return };
         let at = |v: &Visibility| taps(v, &grid);
-        let base = Visibility::default();
+        let base = Visibility { method: Method::Hierarchical, ..Visibility::default() };
         for method in [Method::March, Method::Sweep] {
             let v = Visibility { method, ..base.clone() };
             assert!(at(&Visibility { step: 0.5, ..v.clone() }) > at(&v));

@@ -288,7 +288,7 @@ mod tests {
         for key in chosen {
             assert!(map.contains_key(key), "{key} is missing in {map:?}");
         }
-        assert_eq!((&map["method"], &map["step"]), (&"hierarchical".into(), &0.1.into()));
+        assert_eq!((&map["method"], &map["step"]), (&"sweep".into(), &0.1.into()));
     }
 
     #[test]

@@ -90,7 +90,7 @@ const FITTED: u32 = 8;
 /// Fields whose frames are charted, those of a medium also fitted to what pictures read.
 fn fields(own: u32, medium: bool) -> Vec<Visibility> {
     let sweep = |ratio, near, directions| Visibility { method: Method::Sweep, ratio, near, directions, step: 2.0, ..Visibility::default() };
-    let pyramid = |ratio, directions| Visibility { ratio, directions, ..Visibility::default() };
+    let pyramid = |ratio, directions| Visibility { method: Method::Hierarchical, ratio, directions, ..Visibility::default() };
     let march = |ratio, directions| Visibility { method: Method::March, ratio, directions, ..Visibility::default() };
     let (finer, coarser) = ((own / 2).max(1), (own * 2).min(8));
     let fitted = |ratio| Visibility { fit: FITTED, ..sweep(ratio, 1, 128) };

@@ -106,7 +106,7 @@ fn defaults_hold_where_a_key_is_absent() {
     assert_eq!(d("visibility.growth"), s.visibility.growth.to_string());
     assert_eq!(d("visibility.step"), s.visibility.step.to_string());
     assert_eq!(d("visibility.near"), s.visibility.near.to_string());
-    assert_eq!((d("visibility.method").as_str(), s.visibility.method), ("hierarchical", Method::Hierarchical));
+    assert_eq!((d("visibility.method").as_str(), s.visibility.method), ("sweep", Method::Sweep));
     assert_eq!((d("visibility.filter").as_str(), s.visibility.filter), ("axis", Filter::Axis));
     assert_eq!((d("visibility.sampling").as_str(), s.visibility.sampling), ("stratified", Sampling::Stratified));
     assert_eq!(d("light.scale"), s.light.scale.to_string());
