@@ -6,7 +6,7 @@ use common::*;
 use halflight::io::{read_nrrd_field, write_nrrd_field};
 use halflight::measure::{self, Budget, Errors, PictureError, Pictured, Plan, Report, errors, field_error};
 use halflight::scene::visibility::{Method, Sampling};
-use halflight::scene::{Camera, Grid, ImageSettings, Light, Sky, Visibility, Volume};
+use halflight::scene::{Camera, Clip, Grid, ImageSettings, Light, Sky, Visibility, Volume};
 
 /// Coefficients of a few cells, none like the other.
 fn made_up(count: usize, seed: u64) -> Vec<[f32; 16]> {
@@ -106,6 +106,36 @@ fn probes_lie_within_two_cells_of_matter() {
     // Sabotage: the next voxel lies in another cell.
     let moved = Volume::from_fn(grid, |p| if p.map(|c| c as usize) == [20, 4, 17] { 1.0 } else { 0.0 }).expect("volume");
     assert_ne!(measure::near_matter(&engine, &moved, &medium, 4).expect("cells"), expected);
+}
+
+/// What was cut away is no matter: its surroundings see the whole sky, are easy, and are looked at by nobody.
+#[test]
+fn probes_keep_away_from_matter_that_was_cut() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([48, 16, 16], [1.0; 3]).expect("grid");
+    // Two slabs, of which the clip box keeps the left one.
+    let volume = Volume::from_fn(grid, |p| if p[0] < 8.0 || p[0] > 40.0 { 1.0 } else { 0.0 }).expect("volume");
+    let uploaded = engine.upload(&volume).expect("upload");
+    let near = |hi: f64| {
+        let clip = Clip { bounds: Some([[0.0; 3], [hi, 1.0, 1.0]]), ..Clip::default() };
+        let medium = engine.classify_clipped(&uploaded, &linear(1.0), &clip).expect("classify");
+        let cells = measure::near_matter(&engine, &volume, &medium, 2).expect("cells");
+        let settings = Visibility { ratio: 2, directions: 16, ..Visibility::default() };
+        let plan = Plan::new(&engine, &volume, &medium, &settings, &Budget::default()).expect("plan");
+        assert!(plan.cells.iter().all(|c| cells.contains(c)), "what measures a field looks there and nowhere else");
+        cells
+    };
+    // Cells of two voxels: 4 of 24 columns hold matter, and two more lie near.
+    let column = |c: &u32| (*c as usize) % 24;
+    let expected = |columns: usize| (0..24 * 8 * 8).filter(|c| column(c) < columns).collect::<Vec<u32>>();
+    assert_eq!(near(0.5), expected(6));
+    // A plane at a voxel's face leaves nothing of the voxels behind it; one a quarter further in leaves some of the next column.
+    assert_eq!(near(6.0 / 48.0), expected(5));
+    assert_eq!(near(6.25 / 48.0), expected(6));
+    // A slab too thin for any voxel's centre.
+    assert_eq!(near(0.25 / 48.0), expected(3));
+    // Sabotage: with nothing cut the right slab counts.
+    assert!(near(1.0).iter().any(|c| column(c) > 20));
 }
 
 #[test]
