@@ -211,11 +211,18 @@ fn the_reference_against_itself_is_right() {
     let report = Report::measure(&engine, &medium, &field, &kept, &plan, &mut quiet).expect("report");
     // How directions fall into dispatches changes the order of sums, no more.
     assert!(report.after.all.relative_l2 < 1e-5, "{report:?}");
+    // That this is no proof of the reference is said, for people and programs.
+    let said = "; the field is computed as its reference is, whose own error is not in it";
+    assert!(report.as_reference && report.sentence().ends_with(said) && report.meta()[1].1.contains("\"as_reference\":true"), "{report:?}");
     // Sabotage: a tenth fewer directions are seen.
     let fewer = Visibility { directions: 3700, ..settings };
     let kept = engine.read_field(&engine.precompute(&medium, &fewer, &mut quiet).expect("field")).expect("read");
     let report = Report::measure(&engine, &medium, &field, &kept, &plan, &mut quiet).expect("report");
     assert!(report.after.all.relative_l2 > 1e-5, "{report:?}");
+    // Its field was the reference's, the numbers are not; of another field nothing is said.
+    let field = engine.precompute(&medium, &fewer, &mut quiet).expect("field");
+    let report = Report::measure(&engine, &medium, &field, &kept, &plan, &mut quiet).expect("report");
+    assert!(!report.as_reference && report.note().is_none() && !report.sentence().contains(said), "{}", report.sentence());
 }
 
 #[test]
@@ -230,6 +237,10 @@ fn the_budget_bounds_the_number_of_probes_and_nothing_else() {
     assert!(generous.before && generous.again == Some(2.0) && generous.seconds > 0.0);
     // Next to no time: the fewest, chosen as `probes` chooses them, and no second sweep.
     let hasty = plan(1e-6, Some(2.0));
+    // A second sweep takes half of the budget at most, and the reference what that leaves.
+    assert!(
+        !plan(100.0, Some(50.5)).before && plan(100.0, Some(49.5)).before && plan(Budget::for_sweep(7.0), Some(7.0)).again == Some(7.0)
+    );
     assert_eq!(hasty.cells, measure::probes(&engine, &volume, &medium, 2, 64).expect("probes"));
     assert!(!hasty.before && hasty.again.is_none() && hasty.seconds < generous.seconds);
     let field = engine.precompute(&medium, &settings, &mut quiet).expect("field");
@@ -267,6 +278,7 @@ fn a_report_survives_the_header() {
     let report = Report {
         probes: 90,
         fitted: false,
+        as_reference: false,
         read: None,
         directions: 4096,
         step: 0.25,
