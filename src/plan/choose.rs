@@ -42,8 +42,8 @@ const SEED: u64 = 0x70_6c61_6e00;
 
 /// Finds the cheapest settings that meet `request`, in [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field
 /// should take, about: the ratio, which is sought first, takes some tenths of a second; then nothing is begun that does not
-/// fit but a reference at the fewest cells that thin, scattered matter asks for, and what was not measured by then is
-/// extrapolated, both of which the plan's reasons say. Takes the engine's timings.
+/// fit but the coarsest reference that the tolerance can be judged by, at the fewest cells, and what was not measured by then is
+/// extrapolated; the plan's reasons say both. Takes the engine's timings.
 ///
 /// # Errors
 /// [`Error::Invalid`] on `visibility.tolerance` (or `.quality`) for what is out of reach, [`Error::OutOfMemory`], and as
@@ -202,7 +202,7 @@ pub fn choose_at(
         ));
     }
     if let Some(longer) = known.longer {
-        reasons.push(format!("planning took longer than it should: matter so thin and scattered asks for {longer}"));
+        reasons.push(format!("planning took longer than it should: to judge {tolerance} takes {longer}"));
     }
     plan.reasons = reasons;
     plan.pick()?;

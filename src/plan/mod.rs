@@ -21,8 +21,7 @@
 //!
 //! Planning is bounded: about [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field should take, whichever is more. Where
 //! that is short the cells get fewer, then the reference coarser, then the sweeps fewer, and the plan says so. Only
-//! a denser reference that thin, scattered matter asks for is marched whatever is left, at no more than the fewest cells, which
-//! is said too.
+//! the coarsest reference that the tolerance can be judged by, at the fewest cells, is marched whatever is left, which is said too.
 //!
 //! The computed field is measured at the plan's cells before it is handed out: the upper end of its 95 % interval must be
 //! within the tolerance. Where only the interval is too wide, more cells are measured if that is cheaper than another field;

@@ -57,7 +57,7 @@ pub(super) struct Truth {
     pub margin: f64,
     /// What was cut short for want of time.
     pub cut: Option<String>,
-    /// What time did not allow, and was needed all the same.
+    /// What there was no time for, and was needed all the same.
     pub longer: Option<String>,
 }
 
@@ -118,6 +118,11 @@ pub(super) fn truth(bench: &mut Bench, base: &Visibility, key: &'static str, tol
         directions = DIRECTIONS.into_iter().rev().find(|&n| n < directions).unwrap_or(least);
         cut = Some(format!("a reference of {directions} directions"));
     }
+    // Coarser it would tell nothing, and is marched whatever is left.
+    let beyond = |bench: &Bench, count: usize, n: u32| {
+        (cost(count, n) > bench.left()).then(|| format!("a reference of {n} directions, at {count} cells"))
+    };
+    let mut longer = beyond(bench, count, directions);
     let mut v = parts(bench, &march(directions, step), &all[..count], allowed)?;
     take(bench, v.len());
     let against = "the reference";
@@ -128,15 +133,12 @@ pub(super) fn truth(bench: &mut Bench, base: &Visibility, key: &'static str, tol
     };
     let mut q = judged(bench, &v);
     let mut law = Law::through((FEW[1], q[0].relative_l2), (MANY, q[1].relative_l2));
-    let mut longer = None;
     if law.error(directions) > 0.5 * tolerance && directions < REFERENCE_DIRECTIONS {
         // Thin, scattered matter: few directions meet it, and more than was thought are needed; at fewer cells, if time is short.
         directions = needed(&law, 0.5).unwrap_or(REFERENCE_DIRECTIONS);
-        let (left, allowed) = (bench.left(), PART * bench.left());
+        let allowed = PART * bench.left();
         count = affordable(v.len(), cost(1, directions), allowed);
-        if cost(count, directions) > left {
-            longer = Some(format!("a reference of {directions} directions at {count} cells"));
-        }
+        (cut, longer) = (None, beyond(bench, count, directions).or(longer));
         v = parts(bench, &march(directions, step), &all[..count], allowed)?;
         take(bench, v.len());
         q = judged(bench, &v);
