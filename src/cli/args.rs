@@ -207,7 +207,10 @@ fn device(heading: &'static str) -> [Arg; 4] {
             .value_name("N")
             .value_parser(value_parser!(u32).range(1..=1024))
             .help("threads of a CPU device (lavapipe)"),
-        Arg::new("memory").long("memory").value_name("BUDGET").value_parser(parse_bytes).help("most device memory to use: 512M, 1.5G"),
+        Arg::new("memory").long("memory").value_name("BUDGET").value_parser(parse_bytes).help(
+            "most device memory to use: 512M, 1.5G; what buffers and images ask for is counted, not counted are up to 64 MiB for \
+             copies and the free rest of blocks of 64 MiB (32 on a CPU) that small buffers share, seldom more than one block",
+        ),
         Arg::new("validate")
             .long("validate")
             .action(ArgAction::SetTrue)

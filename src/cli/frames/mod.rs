@@ -233,7 +233,7 @@ impl Run<'_> {
         }
         sayer.line(&match self.asked.estimate {
             true => format!("estimate: {} for {} frames, {memory}", duration(all), needs.len()),
-            false => format!("estimate: {} more for the {left} that are left, {memory}", duration(rest)),
+            false => format!("estimate: {} more for {left} frame{}, {memory}", duration(rest), if left == 1 { "" } else { "s" }),
         })
     }
 }
