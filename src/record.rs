@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Version of the record's form.
-pub const SCHEMA: u32 = 1;
+/// Version of the record's form; 2 brought `arguments`.
+pub const SCHEMA: u32 = 2;
 
 /// Where and when something was measured.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -68,6 +68,8 @@ pub struct Record {
     /// On what, and when.
     #[serde(flatten)]
     pub machine: Machine,
+    /// What ran: the words of the command line behind the program's name; of paths only the files' names.
+    pub arguments: Vec<String>,
     /// The figures.
     pub figures: Vec<Figure>,
 }
@@ -75,7 +77,8 @@ pub struct Record {
 impl Record {
     /// An empty record of a run on `device` that ends now.
     pub fn new(kind: &str, device: &DeviceInfo) -> Self {
-        Self { schema: SCHEMA, kind: kind.into(), machine: Machine::of(device), figures: Vec::new() }
+        let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+        Self { schema: SCHEMA, kind: kind.into(), machine: Machine::of(device), arguments: arguments(words), figures: Vec::new() }
     }
 
     /// Adds the median of several runs with their range; nothing where there were none.
@@ -120,6 +123,16 @@ pub fn folder(inside: &Path) -> Option<PathBuf> {
     let ours = |root: &&Path| std::fs::read_to_string(root.join("Cargo.toml")).ok().and_then(named).as_deref() == Some("halflight");
     let records = inside.ancestors().find(ours)?.join("benches/records");
     records.is_dir().then_some(records)
+}
+
+/// Words of a command line that name no place on this machine: of each path its last part. `--bench` is cargo's.
+fn arguments(words: impl Iterator<Item = String>) -> Vec<String> {
+    // A path may stand behind `--name=` or in a scene's key, in quotes.
+    let short = |word: String| -> String {
+        let pieces = word.split_inclusive(['=', '"', '\'']);
+        pieces.map(|piece| piece.trim_end_matches(['/', '\\']).rsplit(['/', '\\']).next().unwrap_or_default()).collect()
+    };
+    words.filter(|word| word != "--bench").map(short).collect()
 }
 
 /// "llvmpipe (LLVM 15.0.6, 256 bits)" → "llvmpipe-llvm-15.0.6-256-bits".
@@ -184,7 +197,23 @@ mod tests {
             cores: 2,
             commit: "unknown".into(),
         };
-        Record { schema: SCHEMA, kind: "chart".into(), machine, figures: Vec::new() }
+        Record { schema: SCHEMA, kind: "chart".into(), machine, arguments: vec!["engine.nii.gz".into()], figures: Vec::new() }
+    }
+
+    #[test]
+    fn arguments_say_what_ran_and_not_where() {
+        let words = [
+            "--bench",
+            "/home/me/data/engine.nii.gz",
+            "--opacity",
+            "40:0,60:0.8",
+            "--ratios=4,2",
+            "--out=../x/",
+            "volume.file='/d/v.nrrd'",
+            r"C:\d\e.nrrd",
+        ];
+        let short = arguments(words.into_iter().map(str::to_owned));
+        assert_eq!(short, ["engine.nii.gz", "--opacity", "40:0,60:0.8", "--ratios=4,2", "--out=x", "volume.file='v.nrrd'", "e.nrrd"]);
     }
 
     #[test]
@@ -207,8 +236,8 @@ mod tests {
         assert_eq!(path.file_name().unwrap(), "1970-01-01T000000Z-llvmpipe-llvm-15.0.6-256-bits-chart.json");
         let v: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
         assert_eq!(
-            (&v["schema"], &v["kind"], &v["cores"], &v["figures"][0]["value"]),
-            (&1.into(), &"chart".into(), &2.into(), &0.5.into())
+            (&v["schema"], &v["kind"], &v["cores"], &v["arguments"][0], &v["figures"][0]["value"]),
+            (&2.into(), &"chart".into(), &2.into(), &"engine.nii.gz".into(), &0.5.into())
         );
         // A file where the folder should be is an error, not a panic.
         assert!(r.write(&path).is_err());

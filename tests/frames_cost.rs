@@ -29,6 +29,29 @@ fn each_frame_pays_for_what_changed_and_says_so() {
     assert_eq!((first["frame"].as_i64(), first["done"].as_f64()), (Some(1), Some(0.5)));
 }
 
+/// What is there already costs nothing, and is no part of what is said to be left.
+#[test]
+fn an_estimate_leaves_out_what_will_be_skipped() {
+    let here = folder();
+    let run = |more: &[&str]| frames(here.path(), &[&["-o", "f.#.png"], more].concat());
+    assert_eq!(run(&[]).0, 0);
+    let drop = |gone: &[i32]| gone.iter().for_each(|n| std::fs::remove_file(here.path().join(format!("f.{n}.png"))).expect("a frame"));
+    drop(&[1, 2, 3, 4, 8]);
+    let (code, out, err) = run(&["--skip-existing"]);
+    assert_eq!(code, 0, "{err}");
+    assert!(out.contains("frames     5 written in") && out.contains("3 were whole already"), "{out}");
+    assert!(out.contains(" more for 1 frame, ") && out.contains("estimate   was"), "{out}");
+    // Where a file that was there turns out not to be whole, what was said was of something else, and nothing is made of it.
+    drop(&[1, 2, 3, 4, 8]);
+    std::fs::write(here.path().join("f.7.png"), "no picture").expect("a file");
+    let (code, out, err) = run(&["--skip-existing"]);
+    assert_eq!(code, 0, "{err}");
+    assert!(out.contains("frames     6 written in") && out.contains("estimate: ") && !out.contains("estimate   was"), "{out}");
+    // Sabotage: with nothing there, four are left.
+    drop(&[1, 2, 3, 4, 5, 6, 7, 8]);
+    assert!(run(&["--skip-existing"]).1.contains(" more for 4 frames, "));
+}
+
 #[test]
 fn a_preview_and_an_estimate_say_what_they_are() {
     let here = folder();

@@ -11,6 +11,14 @@ fn request(wanted: Wanted) -> Request {
     Request { wanted, ratio: None, bits: None, bands: 4, cells: Cells::Matter, pixels: None }
 }
 
+/// A machine on which a cell takes so many seconds a direction in steps of a voxel, and a sweep ten times what 512 cells do.
+fn paced(second: f64) -> impl Fn(&Visibility, usize) -> f64 {
+    move |s, cells| {
+        let cells = if s.method == Method::Sweep { 5120 } else { cells };
+        second * f64::from(s.directions) * cells as f64 / f64::from(s.step)
+    }
+}
+
 /// The error over the kept coefficients of a planned field's data, at cells of `measure`'s, against the full reference.
 fn verdict(engine: &Checked, volume: &Volume, medium: &halflight::engine::Medium, s: &Visibility, data: &[f32]) -> f64 {
     let cells = measure::probes(engine, volume, medium, s.ratio, 256).expect("probes");
@@ -73,16 +81,14 @@ fn what_is_settled_is_obeyed_and_what_is_out_of_reach_is_said() {
     assert_eq!(plan.tolerance, 0.12);
     let made = plan.compute(&engine, &medium, &mut |_| (), &mut quiet).expect("field");
     assert_eq!(made.field.settings(), &plan.settings);
-    // The same figures every time; only how many of them there are, and how dense the reference is, is a matter of time.
+    // The same figures every time; only how many cells there are, and how dense the reference is, is a matter of time.
     let free = request(Wanted::Tolerance(0.05));
-    let [a, b] = [0, 1].map(|_| plan::choose(&engine, &volume, &medium, &free, &mut quiet).expect("plan"));
-    if a.probes() == b.probes() && a.reference() == b.reference() {
-        for one in &a.tried {
-            let same = |t: &&plan::Candidate| t.settings == one.settings && t.against == one.against;
-            let others: Vec<_> = b.tried.iter().filter(same).collect();
-            assert!(others.is_empty() || others.iter().any(|t| t.error == one.error), "{one:?}");
-        }
-    }
+    let at = |second: f64| plan::choose_at(&engine, &volume, &medium, &free, Some(&paced(second)), &mut quiet).expect("plan");
+    let [a, b, slow] = [1e-7, 1e-7, 2e-5].map(at);
+    assert!(!a.tried.is_empty() && a.tried == b.tried && a.settings == b.settings && a.predicted == b.predicted);
+    assert_eq!((a.probes(), a.reference(), &a.reasons), (b.probes(), b.reference(), &b.reasons));
+    // Sabotage: a slow machine measures other cells.
+    assert!(slow.probes() < a.probes() && slow.tried != a.tried, "{} {}", slow.probes(), a.probes());
     // A thin volume takes a finer field.
     assert!(a.settings.ratio == 2, "{}", a.chosen());
     let eight = Request { bits: Some(8), ..request(Wanted::Tolerance(0.002)) };
@@ -94,6 +100,35 @@ fn what_is_settled_is_obeyed_and_what_is_out_of_reach_is_said() {
     let (_, vacuum) = load(&engine, &volume, &linear(0.0));
     let mut plan = plan::choose(&engine, &volume, &vacuum, &free, &mut quiet).expect("plan");
     assert_eq!(plan.compute(&engine, &vacuum, &mut |_| (), &mut quiet).expect("field").error.relative_l2, 0.0);
+}
+
+/// Few directions meet thin, scattered matter, and a first reference turns out too coarse. The second is as dense as it must be, at
+/// as many cells as there is time for.
+#[test]
+fn a_second_reference_looks_at_the_time_that_is_left() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([64; 3], [1.0; 3]).expect("grid");
+    let chance = |p: [f64; 3]| {
+        let mut random = Random(p.iter().fold(11, |a, c| a * 64 + *c as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        random.unit();
+        random.unit()
+    };
+    let specks = Volume::from_fn(grid, |p| if chance(p) < 1.0 / 300.0 { 1.0 } else { 0.0 }).expect("volume");
+    let (_, medium) = load(&engine, &specks, &linear(1.0));
+    let asked = Request { ratio: Some(4), ..request(Wanted::Tolerance(0.03)) };
+    let [fast, short, slow] = [1e-8, 1e-6, 1e-5]
+        .map(|second| plan::choose_at(&engine, &specks, &medium, &asked, Some(&paced(second)), &mut quiet).expect("plan"));
+    let longer = |p: &plan::Plan| p.reasons.iter().any(|r| r.starts_with("planning took longer than it should: to judge 0.03 takes a"));
+    for p in [&fast, &short, &slow] {
+        println!("{} cells × {} directions: {:.1} of {:.1} s", p.probes(), p.reference().directions, p.planning_seconds, p.planning_limit);
+        assert!(p.planning_seconds <= p.planning_limit || longer(p), "{:?}", p.reasons);
+    }
+    // Marches of few directions are judged once more where there was a second reference.
+    let marches = |p: &plan::Plan| p.tried.iter().filter(|t| t.settings.method == Method::March).count();
+    assert!(marches(&short) == 4 && fast.reference() == short.reference(), "{:?}", short.tried);
+    assert!(fast.probes() == 512 && short.probes() < 512 && !longer(&short), "{}", short.probes());
+    // Where even the fewest take longer, that is said.
+    assert!(slow.probes() == 96 && longer(&slow), "{:?}", slow.reasons);
 }
 
 /// Cells as fine as the light's change between them asks for: coarse in a wide haze, fine beside thin walls and on surfaces.
@@ -177,7 +212,9 @@ fn the_command_says_the_plan_and_writes_what_it_chose() {
     // The command line's tolerance displaces the file's method; the header holds what was chosen.
     let (code, text) = run(&["precompute", "s.toml", "-o", "f.nrrd", "--tolerance", "0.1", "--visibility.ratio", "2"]);
     assert_eq!(code, Some(0), "{text}");
-    for part in ["plan ", "predicted ", "because ", "planning ", "verified ", "1:2 as asked", "together"] {
+    for part in
+        ["if that is more; longer only where", "plan ", "predicted ", "because ", "planning ", "verified ", "1:2 as asked", "together"]
+    {
         assert!(text.contains(part), "{part}: {text}");
     }
     let header = String::from_utf8_lossy(&std::fs::read(folder.join("f.nrrd")).expect("field")).into_owned();
@@ -196,6 +233,11 @@ fn the_command_says_the_plan_and_writes_what_it_chose() {
         let all: Vec<&str> = ["precompute", "v.nrrd", "-o", "x.nrrd"].into_iter().chain(arguments.iter().copied()).collect();
         let (code, text) = run(&all);
         assert!(code == Some(2) && text.contains(part), "{arguments:?}: {code:?} {text}");
+    }
+    let (_, help) = run(&["precompute", "--help"]);
+    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    for part in ["at its cells' centres, such as 0.05", "device time at most, but at 64 cells", "not counted"] {
+        assert!(help.contains(part), "{part}: {help}");
     }
     let _ = std::fs::remove_dir_all(&folder);
 }

@@ -89,7 +89,7 @@ pub fn command() -> Command {
                 .about("Compute a scene's visibility field and write its coefficients")
                 .arg(scene())
                 .arg(path("out", "FILE", "the field (.nrrd)").short('o').long("out").required(true))
-                .arg(measure("60", "measure the field's error against a dense reference, in about so many seconds of device time at most [60]"))
+                .arg(measure("60", "measure the field's error against a dense reference, in about so many seconds of device time at most, but at 64 cells [60]"))
                 .arg(frame())
                 .args(wanted())
                 .args(device("Device"))
@@ -207,7 +207,10 @@ fn device(heading: &'static str) -> [Arg; 4] {
             .value_name("N")
             .value_parser(value_parser!(u32).range(1..=1024))
             .help("threads of a CPU device (lavapipe)"),
-        Arg::new("memory").long("memory").value_name("BUDGET").value_parser(parse_bytes).help("most device memory to use: 512M, 1.5G"),
+        Arg::new("memory").long("memory").value_name("BUDGET").value_parser(parse_bytes).help(
+            "most device memory to use: 512M, 1.5G; what buffers and images ask for is counted, not counted are up to 64 MiB for \
+             copies and the free rest of blocks of 64 MiB (32 on a CPU) that small buffers share, seldom more than one block",
+        ),
         Arg::new("validate")
             .long("validate")
             .action(ArgAction::SetTrue)
@@ -248,8 +251,8 @@ fn measure(seconds: &'static str, help: &'static str) -> Arg {
 fn wanted() -> [Arg; 2] {
     [
         Arg::new("tolerance").long("tolerance").value_name("ERROR").conflicts_with("quality").allow_negative_numbers(true).help(
-            "largest field error at its cells, such as 0.05: finds the cheapest march or sweep that meets it, and a ratio (to 1:2) \
-                 that misses no more between them; takes the place of the scene's method and its settings, while a ratio, bits, bands and \
+            "largest field error at its cells' centres, such as 0.05: finds the cheapest march or sweep that meets it, and says what is \
+                 missed between them, for which it takes cells as fine as 1:2; takes the place of the scene's method and its settings, while a ratio, bits, bands and \
                  cells that the scene names stay",
         ),
         Arg::new("quality")

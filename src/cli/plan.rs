@@ -51,7 +51,8 @@ pub fn field(
     report.line(
         "planning",
         format!(
-            "takes about {} s of device time at most, or {:.0} % of what the field will take",
+            "takes about {} s of device time, or {:.0} % of what the field will take if that is more; longer only where \
+             to judge the tolerance takes a reference of more",
             plan::FLOOR_SECONDS,
             100.0 * plan::SHARE
         ),

@@ -89,7 +89,11 @@ fn announced(plan: &Plan, settings: &Visibility, budget: &Budget) -> String {
     match (plan.again, plan.before, budget.field_seconds) {
         (Some(s), ..) => text += &format!(", and {} to sweep again for the error before packing", time(s)),
         (None, false, Some(s)) => {
-            text += &format!("; not before packing: to sweep again would take {}, --measure={} allows it", time(s), s.ceil());
+            text += &format!(
+                "; not before packing: to sweep again would take {}, --measure={} allows it",
+                time(s),
+                Budget::for_sweep(s).ceil()
+            );
         }
         _ if settings.method == Method::Sweep && settings.bits != 32 => text += ", and a second sweep for the error before packing",
         _ => {}
@@ -115,6 +119,9 @@ pub fn say(report: &mut Report, measured: &measure::Report) {
     }
     for line in measured.table() {
         report.text(line);
+    }
+    if let Some(note) = measured.note() {
+        report.line("note", note);
     }
     if measured.probes > 0 {
         report.line("measured", format!("in {} of device time", time(measured.seconds)));

@@ -166,6 +166,12 @@ impl Medium {
         self.clip.iter().all(|n| n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] >= 0.0)
     }
 
+    /// Whether clipping leaves some of the voxel that is centred there: each plane alone does.
+    pub(crate) fn keeps_part(&self, p: [f32; 3]) -> bool {
+        let furthest = |n: &[f32; 4]| 0.5 * (n[0].abs() + n[1].abs() + n[2].abs());
+        self.clip.iter().all(|n| n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] + furthest(n) > 0.0)
+    }
+
     /// Which blocks hold matter.
     pub fn occupancy(&self) -> &Occupancy {
         &self.occupancy

@@ -27,9 +27,9 @@ pub struct PictureError {
     pub interval: [f64; 2],
     /// mean(a)/mean(b) over the covered pixels: 1.04 is 4 % too bright.
     pub mean_ratio: f64,
-    /// Mean of LDR-FLIP at the image's exposure.
+    /// Mean of LDR-FLIP at the image's exposure, of all pixels, covered or not; the reference's noise is left in.
     pub flip: f64,
-    /// Relative standard error of the reference, and its samples a pixel.
+    /// Relative standard error of the reference: taken off the RMSE alone.
     pub noise: f64,
     /// Samples of a pixel of the reference.
     pub samples: u32,
@@ -52,7 +52,8 @@ pub struct Pictured<'a> {
 }
 
 impl PictureError {
-    /// Renders the picture and its reference with the camera's own frame at some thousand pixels, and compares them, in about `seconds`. `None` where nothing is covered, or all is black. Takes the engine's timings.
+    /// Renders the picture and its reference with the camera's own frame at some thousand pixels, and compares them, in about
+    /// `seconds`. `None` where nothing is covered, or all is black. Takes the engine's timings.
     ///
     /// # Errors
     /// As [`Engine::render`] and [`Engine::render_reference`].
@@ -99,7 +100,7 @@ impl PictureError {
         let [w, h] = self.size;
         format!(
             "relative RMSE {:.3} [{lo:.3}, {hi:.3}], {:+.1} % of brightness, FLIP {:.3}; {w}x{h} pixels against Monte Carlo of {} samples, \
-             whose noise of {:.3} is taken off",
+             whose noise of {:.3} is taken off the RMSE, not off FLIP, which is of all pixels",
             self.relative_rmse,
             100.0 * (self.mean_ratio - 1.0),
             self.flip,

@@ -7,6 +7,7 @@
 //! - [`relative_rmse`], [`compare`]: one picture against another.
 //! - [`flip`]: the perceived difference of two pictures (Andersson et al. 2020, 2021).
 
+mod budget;
 mod field;
 pub mod flip;
 mod frame;
@@ -15,6 +16,7 @@ mod probes;
 pub(crate) mod reading;
 mod report;
 
+pub use budget::{Budget, Plan};
 pub use field::{Errors, FieldError, errors, field_error};
 pub use frame::{PictureError, Pictured};
 #[cfg(feature = "chart")]
@@ -22,7 +24,7 @@ pub(crate) use frame::{covered_mean, exposed, judged};
 pub use picture::{Difference, compare, relative_rmse, signed};
 pub(crate) use probes::{draw, near};
 pub use probes::{near_matter, probes};
-pub use report::{Budget, Plan, Report};
+pub use report::Report;
 
 use crate::engine::{Engine, Medium, Progress};
 use crate::error::Result;
@@ -56,6 +58,11 @@ fn dense(ratio: u32, directions: u32) -> Visibility {
         ratio,
         ..Visibility::default()
     }
+}
+
+/// Whether settings estimate as the reference does.
+fn is_reference(s: &Visibility) -> bool {
+    (s.method, s.sampling, s.directions, s.step) == (Method::March, Sampling::Stratified, REFERENCE_DIRECTIONS, REFERENCE_STEP)
 }
 
 /// What `bits` of packing make of coefficients.

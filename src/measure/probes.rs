@@ -7,7 +7,7 @@ use crate::stages::directions::SplitMix;
 use crate::stages::twin;
 use std::ops::ControlFlow;
 
-/// Field cells within two cells of matter (σ_t > 0 at a voxel), up to `count` of them, drawn at random without
+/// Field cells within two cells of matter (σ_t > 0 at a voxel that clipping leaves some of), up to `count` of them, drawn at random without
 /// repetition from a fixed seed, ascending.
 ///
 /// # Errors
@@ -18,8 +18,8 @@ pub fn probes(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32, cou
     Ok(cells)
 }
 
-/// All field cells at `ratio` voxels per cell within two cells of matter (σ_t > 0 at a voxel), ascending, but those centred
-/// inside an opaque surface, which are zero by definition. Looks at each voxel at most once.
+/// All field cells at `ratio` voxels per cell within two cells of matter (σ_t > 0 at a voxel that clipping leaves some of),
+/// ascending, but those centred inside an opaque surface, which are zero by definition. Looks at each voxel at most once.
 ///
 /// # Errors
 /// What the device refuses.
@@ -44,8 +44,10 @@ pub(crate) fn near(engine: &Engine, volume: &Volume, medium: &Medium, ratio: u32
             let first = n[0] * (y + n[1] * z);
             for x in 0..n[0] {
                 let cell = &mut near[row + cell_of[0][x]];
-                // Most voxels of matter lie in cells that are known already.
-                *cell = *cell || twin::extinction(medium.table(), volume.value(first + x)) > 0.0;
+                // Most voxels of matter lie in cells that are known already. What was cut away is seen by nobody; a slab thinner
+                // than a voxel still is.
+                let matter = || twin::extinction(medium.table(), volume.value(first + x)) > 0.0;
+                *cell = *cell || (matter() && medium.keeps_part([x, y, z].map(|c| c as f32 + 0.5)));
             }
         }
     }

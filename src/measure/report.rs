@@ -1,57 +1,13 @@
 //! The measured error of a computed field: before packing and after it, whole and by band, within a budget of time. A field
 //! holds what is seen from its cells' centres and is measured there; one that is fitted to what pictures read between cells
-//! ([`Visibility::fit`]) is measured as they read it: at voxels of matter, trilinearly, each by the opacity that is seen.
+//! ([`crate::scene::Visibility::fit`]) is measured as they read it: at voxels of matter, trilinearly, each by the opacity that is seen.
 
-use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, errors, near, reading, reference};
+use super::budget::{Plan, seconds};
+use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, errors, is_reference, reading, reference};
 use crate::engine::{Engine, Field, Medium, Progress};
 use crate::error::{Error, Result};
-use crate::scene::visibility::Method;
-use crate::scene::{Visibility, Volume};
 use serde::{Deserialize, Serialize};
-use std::ops::ControlFlow;
 use std::time::Instant;
-
-/// Probes, if time allows, and the fewest.
-const PROBES: [usize; 2] = [1024, 64];
-
-/// Directions of the pilot: all probes, so that the device is as busy as in the whole.
-const PILOT_DIRECTIONS: u32 = 16;
-
-/// What a measurement may cost. It only decides how many cells are measured: for a given number of them the result is the
-/// same every time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Budget {
-    /// Seconds of device time.
-    pub seconds: f64,
-    /// Seconds of device time that the field took, if known: a swept field is swept again for its coefficients before
-    /// packing, which is left out where it takes longer than `seconds`.
-    pub field_seconds: Option<f64>,
-}
-
-impl Default for Budget {
-    fn default() -> Self {
-        Self { seconds: 60.0, field_seconds: None }
-    }
-}
-
-/// What is going to be measured, and about how long it takes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
-    /// Cells to measure, ascending; none where there is no matter, and none of a fitted field.
-    pub cells: Vec<u32>,
-    /// Voxels of matter at which it is measured as pictures read it, ascending; none of an isosurface.
-    pub voxels: Vec<u32>,
-    /// The voxels' opacities, 0..1.
-    pub opacities: Vec<f32>,
-    /// Seconds of device time that the reference will take, by a pilot.
-    pub seconds: f64,
-    /// Bytes of device memory that the reference takes.
-    pub bytes: u64,
-    /// Whether the error before packing is measured too.
-    pub before: bool,
-    /// Seconds of device time that the second sweep will take, where there is one.
-    pub again: Option<f64>,
-}
 
 /// The measured error of a field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,6 +17,9 @@ pub struct Report {
     /// Whether the field is fitted: `after` is its error as pictures read it, at voxels of matter.
     #[serde(default)]
     pub fitted: bool,
+    /// Whether the field is computed as its reference is: the reference's own error is then not in the figures.
+    #[serde(default)]
+    pub as_reference: bool,
     /// The error as pictures read the field, over 16 coefficients: at voxels of matter, trilinearly, each by its opacity and
     /// the share of the sky that it sees. Of a medium.
     #[serde(default)]
@@ -79,75 +38,6 @@ pub struct Report {
     pub after: Errors,
     /// Seconds of device time that measuring took.
     pub seconds: f64,
-}
-
-impl Plan {
-    /// Chooses the cells by a pilot of few directions: 1,024 of those near matter or, where the reference at so many would
-    /// take longer than `budget`, fewer, but 64. Takes the engine's timings.
-    ///
-    /// # Errors
-    /// As [`Engine::estimate`].
-    pub fn new(engine: &Engine, volume: &Volume, medium: &Medium, settings: &Visibility, budget: &Budget) -> Result<Self> {
-        Self::watched(engine, volume, medium, settings, budget, &mut |_, _| ControlFlow::Continue(()))
-    }
-
-    /// The same, told of its progress.
-    ///
-    /// # Errors
-    /// As [`Plan::new`], and [`Error::Cancelled`].
-    pub fn watched(
-        engine: &Engine,
-        volume: &Volume,
-        medium: &Medium,
-        settings: &Visibility,
-        budget: &Budget,
-        progress: &mut Progress,
-    ) -> Result<Self> {
-        let fitted = settings.fit > 0;
-        let mut voxels = if medium.has_surface() { Vec::new() } else { reading::points(volume, medium, PROBES[0]) };
-        voxels = draw(voxels, PROBES[0], super::probes::SEED);
-        let mut cells = match fitted {
-            true => voxels.clone(),
-            false => {
-                let near = near(engine, volume, medium, settings.ratio, &mut |_, f| progress("probes", 0.5 * f))?;
-                draw(near, PROBES[0], super::probes::SEED)
-            }
-        };
-        let ratio = if fitted { 1 } else { settings.ratio };
-        let mut pilot = |directions, cells: &[u32]| {
-            let start = Instant::now();
-            engine.take_timings();
-            engine.estimate(medium, &dense(ratio, directions), cells, &mut |_, f| progress("probes", 0.5 + 0.5 * f))?;
-            Ok(seconds(engine, start))
-        };
-        let mut seconds = 0.0;
-        if let Some(first) = cells.first() {
-            // Whatever a kernel's first dispatch costs is not the pilot's.
-            pilot(1, &[*first])?;
-            seconds = pilot(PILOT_DIRECTIONS, &cells)? * f64::from(REFERENCE_DIRECTIONS / PILOT_DIRECTIONS);
-        }
-        // Beside cells, a quarter as many voxels.
-        voxels.truncate(if fitted { voxels.len() } else { cells.len() / 4 });
-        seconds *= if fitted { 1.0 } else { 1.0 + voxels.len() as f64 / cells.len().max(1) as f64 };
-        let count = affordable(cells.len(), seconds, budget.seconds);
-        if count < cells.len() {
-            seconds *= count as f64 / cells.len() as f64;
-            cells.truncate(count);
-            voxels.truncate(if fitted { count } else { count / 4 });
-        }
-        cells.sort_unstable();
-        voxels.sort_unstable();
-        if fitted {
-            cells.clear();
-        }
-        // Floats are stored as they are: there is nothing to run again.
-        let again = if settings.method == Method::Sweep && settings.bits != 32 && !fitted { budget.field_seconds } else { None };
-        // Between cells only the whole field, as it is stored, can be read.
-        let before = again.is_none_or(|s| s <= budget.seconds) && !(fitted && settings.bits != 32);
-        let opacities = reading::opacities(volume, medium, &voxels);
-        let bytes = engine.marching_memory(medium, &dense(ratio, REFERENCE_DIRECTIONS), cells.len().max(voxels.len()))?;
-        Ok(Self { cells, voxels, opacities, seconds, bytes, before, again: again.filter(|&s| s <= budget.seconds) })
-    }
 }
 
 impl Report {
@@ -195,6 +85,7 @@ impl Report {
         Ok(Self {
             probes: truth.len(),
             fitted,
+            as_reference: is_reference(settings),
             read,
             directions: REFERENCE_DIRECTIONS,
             step: REFERENCE_STEP,
@@ -231,14 +122,20 @@ impl Report {
         };
         format!(
             "{before} before packing, {} after {} bits; relative L2 over 16 coefficients with its 95 % interval, {} {} against {} directions \
-             in steps of {} voxel{between}",
+             in steps of {} voxel{between}{}",
             figure(&self.after),
             self.bits,
             self.probes,
             self.of(),
             self.directions,
-            self.step
+            self.step,
+            self.note().map_or_else(String::new, |note| format!("; {note}"))
         )
+    }
+
+    /// What the figures do not tell, if there is something.
+    pub fn note(&self) -> Option<&'static str> {
+        self.as_reference.then_some("the field is computed as its reference is, whose own error is not in it")
     }
 
     /// Where it was measured.
@@ -276,38 +173,8 @@ impl Report {
     }
 }
 
-/// How many of `count` probes, which would take `predicted` seconds together, to measure in `seconds`.
-fn affordable(count: usize, predicted: f64, seconds: f64) -> usize {
-    if predicted <= seconds { count } else { ((count as f64 * seconds / predicted) as usize).max(PROBES[1]).min(count) }
-}
-
 /// The coefficients of a cell, 0 where the field keeps none.
 fn of_cell(kept: &[f32], coefficients: usize, cell: u32) -> [f32; 16] {
     let first = cell as usize * coefficients;
     std::array::from_fn(|i| if i < coefficients { kept[first + i] } else { 0.0 })
-}
-
-/// Device seconds since the timings were last taken; where the device keeps no time, those of the clock.
-fn seconds(engine: &Engine, start: Instant) -> f64 {
-    let spans = engine.take_timings();
-    match spans.iter().all(|s| s.timed) {
-        true => spans.iter().map(|s| s.seconds).sum(),
-        false => start.elapsed().as_secs_f64(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::affordable;
-
-    #[test]
-    fn what_is_affordable_follows_the_prediction() {
-        assert_eq!(affordable(1024, 30.0, 60.0), 1024);
-        assert_eq!(affordable(1024, 120.0, 60.0), 512);
-        assert_eq!(affordable(1024, 1e9, 60.0), 64, "the fewest");
-        assert_eq!(affordable(20, 1e9, 60.0), 20, "there are no more");
-        assert_eq!(affordable(0, 0.0, 60.0), 0);
-        // A device that keeps no time, and predicts nonsense.
-        assert_eq!((affordable(1024, f64::INFINITY, 60.0), affordable(1024, f64::NAN, 60.0)), (64, 64));
-    }
 }

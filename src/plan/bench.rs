@@ -17,6 +17,10 @@ pub const SHARE: f64 = 0.5;
 /// Coefficients of cells, and the device seconds that they took.
 pub(super) type Run = (Vec<[f32; 16]>, f64);
 
+/// Seconds of settings at so many cells, in place of the device's.
+#[doc(hidden)]
+pub type Pace = dyn Fn(&Visibility, usize) -> f64;
+
 /// The candidates of a plan.
 pub(super) struct Bench<'a, 'p> {
     pub engine: &'a Engine,
@@ -28,6 +32,7 @@ pub(super) struct Bench<'a, 'p> {
     /// Seconds of device time that planning may take, and has taken.
     pub limit: f64,
     pub seconds: f64,
+    pub pace: Option<&'a Pace>,
     pub progress: &'a mut Progress<'p>,
 }
 
@@ -54,7 +59,7 @@ impl Bench<'_, '_> {
         let v = self.engine.estimate(self.medium, settings, cells, &mut |_, _| {
             (self.progress)("plan", share(self.seconds + start.elapsed().as_secs_f64()))
         })?;
-        let seconds = seconds(self.engine, start);
+        let seconds = self.pace.map_or_else(|| together(&self.engine.take_timings(), start), |pace| pace(settings, cells.len()));
         self.seconds += seconds;
         Ok((v, seconds))
     }
@@ -97,11 +102,6 @@ pub(super) fn systematic(pairs: [[&Run; 2]; 2], kept: usize) -> [f64; 2] {
     }
     let both = both.max(0.0);
     [(both / power).sqrt(), ((whole - both).max(0.0) / power).sqrt()]
-}
-
-/// Device seconds since the timings were last taken; where the device keeps no time, those of the clock.
-fn seconds(engine: &Engine, start: Instant) -> f64 {
-    together(&engine.take_timings(), start)
 }
 
 /// Device seconds of spans; where the device keeps no time, those of the clock.

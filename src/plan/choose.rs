@@ -1,6 +1,6 @@
 //! From what is asked for to settings, by measuring within a budget.
 
-use super::bench::{Bench, FLOOR_SECONDS, Run, SHARE};
+use super::bench::{Bench, FLOOR_SECONDS, Pace, Run, SHARE};
 use super::law::{DOUBTS, LEAST, Law, STEPPED, Sweeps};
 use super::ratio::{Ratio, ratio};
 use super::truth::{CELLS, March, half_width, truth};
@@ -42,12 +42,29 @@ const SEED: u64 = 0x70_6c61_6e00;
 
 /// Finds the cheapest settings that meet `request`, in [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field
 /// should take, about: the ratio, which is sought first, takes some tenths of a second; then nothing is begun that does not
-/// fit, and what was not measured by then is extrapolated, which the plan's reasons say. Takes the engine's timings.
+/// fit but the coarsest reference that the tolerance can be judged by, at the fewest cells, and what was not measured by then is
+/// extrapolated; the plan's reasons say both. Takes the engine's timings.
 ///
 /// # Errors
 /// [`Error::Invalid`] on `visibility.tolerance` (or `.quality`) for what is out of reach, [`Error::OutOfMemory`], and as
 /// [`Engine::estimate`].
 pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Request, progress: &mut Progress) -> Result<Plan> {
+    choose_at(engine, volume, medium, request, None, progress)
+}
+
+/// The same at another pace than the device's: for tests, that what time decides is decided the same way again.
+///
+/// # Errors
+/// As [`choose`].
+#[doc(hidden)]
+pub fn choose_at(
+    engine: &Engine,
+    volume: &Volume,
+    medium: &Medium,
+    request: &Request,
+    pace: Option<&Pace>,
+    progress: &mut Progress,
+) -> Result<Plan> {
     let key = match request.wanted {
         Wanted::Tolerance(_) => "visibility.tolerance",
         Wanted::Quality(_) => "visibility.quality",
@@ -71,8 +88,17 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
     let drawn = measure::draw(measure::near(engine, volume, medium, ratio, &mut |_, _| progress("plan", 0.0))?, MOST_CELLS, SEED);
     let wanted = engine.wanted_cells(medium, &base)?.len() as f64;
     let cells = drawn[..drawn.len().min(CELLS[1])].to_vec();
-    let mut bench =
-        Bench { engine, medium, cells, bands: request.bands, tried: Vec::new(), limit: FLOOR_SECONDS, seconds: searching, progress };
+    let mut bench = Bench {
+        engine,
+        medium,
+        cells,
+        bands: request.bands,
+        tried: Vec::new(),
+        limit: FLOOR_SECONDS,
+        seconds: if pace.is_some() { 0.0 } else { searching },
+        pace,
+        progress,
+    };
     let mut plan = Plan {
         need: engine.need(medium, &base, request.pixels)?,
         settings: Visibility { method: Method::Sweep, directions: LEAST, bits: request.bits.unwrap_or(8), ..base.clone() },
@@ -174,6 +200,9 @@ pub fn choose(engine: &Engine, volume: &Volume, medium: &Medium, request: &Reque
             "planning stopped after {:.1} s with {cut} for want of time: the predicted error is extrapolated",
             bench.seconds
         ));
+    }
+    if let Some(longer) = known.longer {
+        reasons.push(format!("planning took longer than it should: to judge {tolerance} takes {longer}"));
     }
     plan.reasons = reasons;
     plan.pick()?;

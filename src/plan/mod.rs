@@ -20,7 +20,8 @@
 //! may be off by; `march` where that is cheaper.
 //!
 //! Planning is bounded: about [`FLOOR_SECONDS`] of device time or [`SHARE`] of what the field should take, whichever is more. Where
-//! that is short the cells get fewer, then the reference coarser, then the sweeps fewer, and the plan says so.
+//! that is short the cells get fewer, then the reference coarser, then the sweeps fewer, and the plan says so. Only
+//! the coarsest reference that the tolerance can be judged by, at the fewest cells, is marched whatever is left, which is said too.
 //!
 //! The computed field is measured at the plan's cells before it is handed out: the upper end of its 95 % interval must be
 //! within the tolerance. Where only the interval is too wide, more cells are measured if that is cheaper than another field;
@@ -36,8 +37,8 @@ mod ratio;
 mod truth;
 
 pub use bands::{NEGLIGIBLE, needed as needed_bands};
-pub use bench::{FLOOR_SECONDS, SHARE};
-pub use choose::choose;
+pub use bench::{FLOOR_SECONDS, Pace, SHARE};
+pub use choose::{choose, choose_at};
 pub use compute::Made;
 
 use crate::engine::Need;

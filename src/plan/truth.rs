@@ -57,6 +57,8 @@ pub(super) struct Truth {
     pub margin: f64,
     /// What was cut short for want of time.
     pub cut: Option<String>,
+    /// What there was no time for, and was needed all the same.
+    pub longer: Option<String>,
 }
 
 /// Marches until candidates at `tolerance` can be told from the reference's own error; leaves the bench with the cells that
@@ -116,29 +118,29 @@ pub(super) fn truth(bench: &mut Bench, base: &Visibility, key: &'static str, tol
         directions = DIRECTIONS.into_iter().rev().find(|&n| n < directions).unwrap_or(least);
         cut = Some(format!("a reference of {directions} directions"));
     }
-    // Part after part of the cells, for a machine may have become slower meanwhile.
-    let (start, mut v) = (bench.seconds, Vec::new());
-    for part in CELLS.into_iter().filter(|c| *c < count).chain([count]) {
-        let from = v.len();
-        v.extend(bench.run_at(&march(directions, step), &all[from..part])?.0);
-        if bench.seconds - start > 0.8 * allowed {
-            break;
-        }
-    }
+    // Coarser it would tell nothing, and is marched whatever is left.
+    let beyond = |bench: &Bench, count: usize, n: u32| {
+        (cost(count, n) > bench.left()).then(|| format!("a reference of {n} directions, at {count} cells"))
+    };
+    let mut longer = beyond(bench, count, directions);
+    let mut v = parts(bench, &march(directions, step), &all[..count], allowed)?;
     take(bench, v.len());
     let against = "the reference";
-    let shared = few.0.len().min(v.len());
-    let clip = |run: &Run| (run.0[..shared].to_vec(), run.1);
-    let (few, many) = (clip(&few), clip(&many));
     let judged = |bench: &mut Bench, v: &[[f32; 16]]| {
-        [(FEW[1], &few), (MANY, &many)].map(|(n, run)| bench.judge(&march(n, step), run, &v[..shared], against))
+        let shared = few.0.len().min(v.len());
+        [(FEW[1], &few), (MANY, &many)]
+            .map(|(n, run)| bench.judge(&march(n, step), &(run.0[..shared].to_vec(), run.1), &v[..shared], against))
     };
     let mut q = judged(bench, &v);
     let mut law = Law::through((FEW[1], q[0].relative_l2), (MANY, q[1].relative_l2));
     if law.error(directions) > 0.5 * tolerance && directions < REFERENCE_DIRECTIONS {
-        // Thin, scattered matter: few directions meet it, and more than was thought are needed.
+        // Thin, scattered matter: few directions meet it, and more than was thought are needed; at fewer cells, if time is short.
         directions = needed(&law, 0.5).unwrap_or(REFERENCE_DIRECTIONS);
-        v = bench.run(&march(directions, step))?.0;
+        let allowed = PART * bench.left();
+        count = affordable(v.len(), cost(1, directions), allowed);
+        (cut, longer) = (None, beyond(bench, count, directions).or(longer));
+        v = parts(bench, &march(directions, step), &all[..count], allowed)?;
+        take(bench, v.len());
         q = judged(bench, &v);
         law = Law::through((FEW[1], q[0].relative_l2), (MANY, q[1].relative_l2));
     }
@@ -146,7 +148,26 @@ pub(super) fn truth(bench: &mut Bench, base: &Visibility, key: &'static str, tol
         return Err(unreachable(key, tolerance, 2.0 * law.error(directions), "the reference itself is no surer than half of it"));
     }
     let margin = half_width(&q[0]).max(half_width(&q[1]));
-    Ok(Truth { v, settings: march(directions, step), law, marches, margin, cut })
+    Ok(Truth { v, settings: march(directions, step), law, marches, margin, cut, longer })
+}
+
+/// Marches cells part after part, for a machine may become slower meanwhile: no further part once most of `allowed` is spent.
+fn parts(bench: &mut Bench, settings: &Visibility, cells: &[u32], allowed: f64) -> Result<Vec<[f32; 16]>> {
+    let (start, mut v) = (bench.seconds, Vec::new());
+    for part in CELLS.into_iter().filter(|c| *c < cells.len()).chain([cells.len()]) {
+        let from = v.len();
+        v.extend(bench.run_at(settings, &cells[from..part])?.0);
+        if bench.seconds - start > 0.8 * allowed {
+            break;
+        }
+    }
+    Ok(v)
+}
+
+/// How many of `have` cells that take `each` seconds fit into `allowed`, but the fewest that tell something.
+fn affordable(have: usize, each: f64, allowed: f64) -> usize {
+    let fits = |count: &usize| *count as f64 * each <= allowed;
+    if fits(&have) { have } else { CELLS.into_iter().rev().find(|c| *c < have && fits(c)).unwrap_or(CELLS[0].min(have)) }
 }
 
 /// The larger relative half of an interval.

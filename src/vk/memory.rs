@@ -8,7 +8,9 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use std::path::{Path, PathBuf};
 
-/// Device memory of buffers and images, in bytes. The runtime's own staging (at most 64 MiB) is not counted.
+/// Device memory that buffers and images ask for, in bytes. Not counted: the runtime's own staging, at most two blocks of 32 MiB,
+/// and what is free in the blocks that buffers of up to 16 MiB share, 64 MiB each (32 where the host sees the memory): up to one
+/// block, and less than 16 MiB of each further one while nothing has been freed between.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Memory {
     /// Held now.

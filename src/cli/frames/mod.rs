@@ -97,7 +97,7 @@ struct Run<'a> {
     files: Files,
     scenes: Vec<Scene>,
     forecast: Forecast,
-    /// What was said beforehand: seconds of all that was then left, and when.
+    /// What was said beforehand: seconds of all that was then left, when, and how many frames will then have been written.
     told: Option<(f64, Instant, usize)>,
     tally: Tally,
 }
@@ -185,12 +185,13 @@ impl Run<'_> {
         Ok(true)
     }
 
-    /// What each frame may pay for.
-    fn needs(&self) -> Vec<[bool; STAGES.len()]> {
-        let before = |i: usize| i.checked_sub(1).map(|b| &self.scenes[b]);
-        let mut list: Vec<_> = self.scenes.iter().enumerate().map(|(i, s)| needs(before(i), s, self.asked.written.behind())).collect();
+    /// What each of these frames, in turn, may pay for.
+    fn needs(&self, places: &[usize]) -> Vec<[bool; STAGES.len()]> {
+        let scenes: Vec<_> = places.iter().map(|&p| &self.scenes[p]).collect();
+        let before = |i: usize| i.checked_sub(1).map(|b| scenes[b]);
+        let mut list: Vec<_> = scenes.iter().enumerate().map(|(i, s)| needs(before(i), s, self.asked.written.behind())).collect();
         let mut known = HashSet::new();
-        for (n, scene) in list.iter_mut().zip(&self.scenes).filter(|(n, _)| n[session::VISIBILITY]) {
+        for (n, scene) in list.iter_mut().zip(&scenes).filter(|(n, _)| n[session::VISIBILITY]) {
             if let Some(store) = self.session.store() {
                 // Where all were found so far, others have computed them.
                 let others = store.found > 0 && store.computed == 0;
@@ -208,7 +209,10 @@ impl Run<'_> {
         if self.told.is_some() || self.asked.fresh {
             return Ok(());
         }
-        let needs = self.needs();
+        // Of what lies ahead, frames whose files are there will be skipped, as far as that can be told without reading them.
+        let there = |p: usize| self.asked.skip && self.asked.path(self.asked.frames[p]).is_file();
+        let places: Vec<usize> = (0..self.scenes.len()).filter(|&p| p <= place || !there(p)).collect();
+        let needs = self.needs(&places);
         let last = self.asked.estimate && self.forecast.frames() == sample(self.scenes.len()).len();
         // Of a few frames, nothing would be left to say it of.
         let enough = match needs.len() {
@@ -220,7 +224,8 @@ impl Run<'_> {
         }
         let (all, rest) = (self.forecast.seconds(&needs), self.forecast.seconds(&needs[place + 1..]));
         let (Some(all), Some(rest)) = (all, rest) else { return Ok(()) };
-        self.told = Some((rest, Instant::now(), self.tally.written + self.tally.skipped));
+        let left = needs.len() - place - 1;
+        self.told = Some((rest, Instant::now(), self.tally.written + left));
         let mut memory = format!("{} of device memory", bytes(self.session.estimate));
         let fields = needs[if self.asked.estimate { 0 } else { place + 1 }..].iter().filter(|n| n[session::VISIBILITY]).count();
         if let Some(store) = self.session.store().filter(|_| fields > 0) {
@@ -228,7 +233,7 @@ impl Run<'_> {
         }
         sayer.line(&match self.asked.estimate {
             true => format!("estimate: {} for {} frames, {memory}", duration(all), needs.len()),
-            false => format!("estimate: {} more for what is left, {memory}", duration(rest)),
+            false => format!("estimate: {} more for {left} frame{}, {memory}", duration(rest), if left == 1 { "" } else { "s" }),
         })
     }
 }

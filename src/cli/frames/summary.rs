@@ -66,8 +66,9 @@ impl Run<'_> {
             report.line("fields", store.text());
             report.set("fields", store.json());
         }
-        if let Some((rest, when, before)) = self.told.filter(|_| failure.is_none() && !self.asked.estimate)
-            && tally.written + tally.skipped > before
+        // Where others wrote some meanwhile, or a file that was there was not whole, it was an estimate of something else.
+        if let Some((rest, when, _)) =
+            self.told.filter(|(.., written)| failure.is_none() && !self.asked.estimate && tally.written == *written)
         {
             let took = when.elapsed().as_secs_f64();
             let off = 100.0 * (rest / took - 1.0);
@@ -75,7 +76,7 @@ impl Run<'_> {
             report.set("estimate", json!({ "seconds": rest, "took": took }));
         }
         if let (true, Some((..))) = (self.asked.estimate, self.told) {
-            let needs = self.needs();
+            let needs = self.needs(&(0..self.scenes.len()).collect::<Vec<_>>());
             report.set("estimate", json!({ "seconds": self.forecast.seconds(&needs), "memory": self.session.estimate }));
         }
         report.set("written", json!(tally.written));
