@@ -1,7 +1,7 @@
 // hierarchical: the paper's estimator (Ritschel 2007, section 3.1). The ray starts in O_0 with steps of one voxel; the
 // step grows with distance and the level of the opacity pyramid follows it (quadrilinear).
 // Counted per cell and direction: about 1/growth + log(length*growth)/log(1+growth) quadrilinear taps (25 for growth 1/4
-// and 440 voxels), one log2 each, 16 multiply-adds.
+// and 440 voxels), one log2 and one exp2 each, a pow where the step is not the length that its level states; 16 multiply-adds.
 // readwrite: sums
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -34,13 +34,19 @@ float visibility(vec3 x, vec3 d) {
     vec3 scale = 1.0 / volume_dims;
     float t = 0.0;
     float transmittance = 1.0;
+    float top = float(textureQueryLevels(pyramid) - 1);
     for (uint i = 0; i < MAX_STEPS && t < end; i++) {
         float s = max(voxel_length, growth * t);
         float part = min((end - t) / s, 1.0); // the last step is cut where the volume ends
         float level = log2(s / voxel_length);
-        float clear = 1.0 - textureLod(pyramid, (x + d * (t + 0.5 * part * s)) * scale, level).r;
-        // The pyramid states opacity over 2^level voxel lengths = s; a shorter step sees the power.
-        transmittance *= part < 1.0 ? (clear > 0.0 ? pow(clear, part) : 0.0) : clear;
+        // The pyramid states opacity over 2^level voxel lengths = s; a shorter step sees the power, and so does one that is longer
+        // than the coarsest level's.
+        float power = level > top ? part * exp2(level - top) : part;
+        level = min(level, top);
+        // Between two levels blended by length: right for thin matter, whose opacity goes with it.
+        float blend = floor(level) + exp2(fract(level)) - 1.0;
+        float clear = 1.0 - textureLod(pyramid, (x + d * (t + 0.5 * part * s)) * scale, blend).r;
+        transmittance *= power != 1.0 ? (clear > 0.0 ? pow(clear, power) : 0.0) : clear;
         if (transmittance < DARK) break;
         t += s;
     }

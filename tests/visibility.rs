@@ -83,13 +83,45 @@ fn a_homogeneous_slab_attenuates_exponentially() {
     let s = Visibility { directions: 4096, growth: 1.0, ..settings(Method::Hierarchical) };
     let h = estimate(&engine, &volume, &homogeneous(sigma), &s, &indices);
     assert!(difference(&h, &truth) < 2e-3, "hierarchical: {}", difference(&h, &truth));
-    // Between levels the opacity is blended linearly (the paper's quadrilinear tap), which is not the opacity of the
-    // length between: up to 0.7 % of a step's transmittance too dark.
+    // Between levels opacities are blended by length (a quadrilinear tap): exact for thin matter; of a step of
+    // depth 1, which the thickest here have, a few percent too much passes.
     let quarter = estimate(&engine, &volume, &homogeneous(sigma), &Visibility { growth: 0.25, ..s.clone() }, &indices);
-    assert!(difference(&quarter, &truth) < 1.5e-2, "growth 1/4: {}", difference(&quarter, &truth));
+    println!("growth 1/4: {}", difference(&quarter, &truth));
+    assert!(difference(&quarter, &truth) < 4e-3, "growth 1/4: {}", difference(&quarter, &truth));
     // Sabotage: 5 % more extinction must not pass.
     let wrong = estimate(&engine, &volume, &homogeneous(1.05 * sigma), &s, &indices);
     assert!(difference(&wrong, &truth) > 5e-3, "{}", difference(&wrong, &truth));
+}
+
+#[test]
+fn a_step_between_levels_or_beyond_the_pyramid_sees_its_own_length() {
+    let engine = engine();
+    // Thin matter: what a step lacks or has too much of its length shows as it is, and blending costs next to nothing. With growth
+    // 4, and along the long voxels, steps outgrow the coarsest level.
+    for (n, spacing, sigma, growth) in [
+        ([40usize, 40, 40], [1.0; 3], 0.002, 0.25),
+        ([40, 24, 6], [0.5, 1.0, 1.5], 0.01, 4.0),
+        ([31, 31, 31], [1.0; 3], 0.005, 1.0),
+        ([24, 24, 24], [1.0, 1.0, 10.0], 0.002, 1.0),
+    ] {
+        let volume = blobs(Grid::axis_aligned(n, spacing).expect("grid"), 2);
+        let cells = [[n[0] / 2, n[1] / 2, n[2] / 2], [1, n[1] - 3, 1], [n[0] - 1, 0, n[2] - 1]];
+        let indices: Vec<u32> = cells.iter().map(|c| (c[0] + n[0] * (c[1] + n[1] * c[2])) as u32).collect();
+        // What matter takes away from the sky: of thin matter that is little.
+        let taken = |v: &[f32; 16]| 2.0 * PI.sqrt() - f64::from(v[0]);
+        let truth: Vec<[f32; 16]> =
+            cells.iter().map(|c| homogeneous_truth(n.map(|v| v as f64), spacing, c.map(|v| v as f64 + 0.5), sigma)).collect();
+        let s = Visibility { directions: 1024, growth, ..settings(Method::Hierarchical) };
+        let agrees = |sigma: f64| {
+            let got = estimate(&engine, &volume, &homogeneous(sigma), &s, &indices);
+            let off = got.iter().zip(&truth).map(|(g, t)| (taken(g) / taken(t) - 1.0).abs()).fold(0.0, f64::max);
+            println!("{spacing:?}, growth {growth}: what is taken of the sky is {off:.4} off");
+            off < 0.012
+        };
+        assert!(agrees(sigma), "{spacing:?}, growth {growth}");
+        // Sabotage: 3 % more extinction.
+        assert!(!agrees(1.03 * sigma), "{spacing:?}, growth {growth}");
+    }
 }
 
 #[test]
@@ -169,7 +201,12 @@ fn hierarchical_equals_its_twin() {
     let engine = engine();
     for (g, grid) in grids().into_iter().enumerate() {
         for filter in [Filter::Box, Filter::Axis] {
-            for (sampling, growth, ratio) in [(Sampling::Stratified, 0.25, 1), (Sampling::Jittered, 1.0, 2), (Sampling::Jittered, 0.5, 4)] {
+            for (sampling, growth, ratio) in [
+                (Sampling::Stratified, 0.25, 1),
+                (Sampling::Jittered, 1.0, 2),
+                (Sampling::Jittered, 0.5, 4),
+                (Sampling::Stratified, 4.0, 1),
+            ] {
                 let volume = blobs(grid, 21 + g as u64);
                 let matter = linear(0.7);
                 let s = Visibility { ratio, directions: 37, sampling, growth, filter, ..settings(Method::Hierarchical) };
@@ -327,7 +364,7 @@ fn spacing_in_nanometres_or_light_years_changes_nothing_but_the_unit() {
         (estimate(&engine, &volume, &matter, &s, &cells), estimate(&engine, &volume, &matter, &h, &cells))
     };
     let (march, hierarchical) = run(1.0);
-    for unit in [1e-9, 1e-3, 1e6, 1e15] {
+    for unit in [1e-9, 1e-3, 1e6, 1e15, 3e20, 1e24] {
         let (m, h) = run(unit);
         assert!(difference(&m, &march) < TWIN, "{unit}: {}", difference(&m, &march));
         assert!(difference(&h, &hierarchical) < TWIN, "{unit}: {}", difference(&h, &hierarchical));

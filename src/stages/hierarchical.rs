@@ -1,5 +1,6 @@
 //! hierarchical: the paper's estimator (Ritschel 2007, section 3.1). A ray starts in O₀ with steps of one voxel; the step
-//! grows with distance, step = max(1, growth·distance), and the level of the pyramid follows it, log₂(step).
+//! grows with distance, step = max(1, growth·distance), and the level of the pyramid follows it, log₂(step); two levels are
+//! blended by length, and a step longer than the coarsest level states takes the power of it.
 
 use super::directions::Directions;
 use super::estimate::{self, Run};
@@ -69,19 +70,21 @@ pub fn reference(
         while t < end {
             let s = h.max(growth * t);
             let part = ((end - t) / s).min(1.0);
-            let level = (s / h).log2().min((pyramid.len() - 1) as f32);
+            let (level, top) = ((s / h).log2(), (pyramid.len() - 1) as f32);
+            let power = if level > top { part * (level - top).exp2() } else { part };
             let p = twin::along(x, d, t + 0.5 * part * s);
-            let k = level as usize;
-            let f = level - k as f32;
+            let k = level.min(top) as usize;
+            // 2^level lies so far between the two lengths 2^k and 2^(k+1).
+            let f = (level.min(top) - k as f32).exp2() - 1.0;
             let mut o = tap(k, p);
             if f > 0.0 {
                 o += (tap(k + 1, p) - o) * f;
             }
             let clear = 1.0 - o;
-            transmittance *= if part >= 1.0 {
+            transmittance *= if power == 1.0 {
                 clear
             } else if clear > 0.0 {
-                clear.powf(part)
+                clear.powf(power)
             } else {
                 0.0
             };
