@@ -1,8 +1,9 @@
 // aov: what lies behind a pixel besides its colour, in a second march over raymarch.comp's samples. Sums over steps with the
 // weight w = T alpha: w, w distance, w normal (world, length 1, against the gradient of extinction), w albedo,
 // w irradiance, w mean visibility; and the distance at which opacity reaches FIRST. A surface is looked at where
-// isosurface.comp hit it: its normal, and its visibility from those of the eight cells around it that lie in vacuum.
-// Counted per step in matter: raymarch's, and 6 taps for the normal. Per hit: 12 taps, 8 texels.
+// isosurface.comp hit it: its normal, and its visibility from the same cells around it.
+// Counted per step in matter: raymarch's, and 6 taps for the normal. Per hit: 6 taps, and 8 taps and 8 texels, twice where no cell
+// around lies in vacuum.
 // readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -58,6 +59,7 @@ layout(push_constant) uniform Params {
 #include "view.glsl"
 #include "occupancy.glsl"
 #include "hit.glsl"
+#include "around.glsl"
 
 const float DARK = 1e-3;  // transmittance at which a ray ends
 const float FIRST = 0.05; // opacity of the first hit
@@ -80,26 +82,33 @@ vec3 medium_normal(vec3 n, vec3 dims) {
     return l > 0.0 ? w / l : vec3(0.0);
 }
 
-// Mean visibility of the cells in vacuum around a place, trilinear among them; of all where none is.
-float open_visibility(vec3 n) {
+// Mean visibility at a place on a surface: trilinear among the cells around it as isosurface.comp takes them (around.glsl).
+float surface_visibility(vec3 n, vec3 normal, vec3 dims) {
+    // The irradiance is a window on the field, dark around it.
     vec3 size = vec3(textureSize(irradiance, 0));
-    vec3 q = (n * window[0].xyz + window[1].xyz) * size - 0.5;
-    vec3 base = floor(q);
-    vec3 f = q - base;
-    vec2 open = vec2(0.0);
-    vec2 all = vec2(0.0);
-    for (int i = 0; i < 8; i++) {
-        vec3 o = vec3(i & 1, (i >> 1) & 1, i >> 2);
-        vec3 c = clamp(base + o, vec3(0.0), size - 1.0);
-        vec3 w3 = mix(1.0 - f, f, o);
-        float w = w3.x * w3.y * w3.z;
-        vec4 texel = texelFetch(irradiance, ivec3(c), 0);
-        vec2 part = w * vec2(GREY == 1 ? texel.g : texel.a, 1.0);
-        vec3 centre = ((c + 0.5) / size - window[1].xyz) / window[0].xyz;
-        all += part;
-        if (above(centre) < 0.0 || !is_kept(centre * vec3(textureSize(volume, 0)))) open += part;
+    vec3 field_dims = round(window[0].xyz * size);
+    ivec3 first = ivec3(round(-window[1].xyz * size));
+    vec3 q = n * field_dims - 0.5;
+    vec2 sum = vec2(0.0);
+    for (int attempt = 0; attempt < 2; attempt++) {
+        sum = vec2(0.0);
+        for (int i = 0; i < 8; i++) {
+            ivec3 c;
+            float w;
+            uint rule = cell_around(q, i, field_dims, attempt == 1, c, w);
+            if (rule == SILENT) continue;
+            float seen = 0.5;
+            if (rule == SAYS) {
+                ivec3 p = clamp(c - first, ivec3(0), ivec3(size) - 1);
+                vec4 texel = texelFetch(irradiance, p, 0);
+                seen = p != c - first ? 0.0 : GREY == 1 ? texel.g : texel.a;
+            }
+            sum += w * vec2(seen, 1.0);
+        }
+        if (sum.y > 1e-4) break;
+        q += one_cell_out(normal, dims, field_dims);
     }
-    return open.y > 1e-4 ? open.x / open.y : all.x / all.y;
+    return sum.y > 0.0 ? sum.x / sum.y : 0.0;
 }
 
 void main() {
@@ -127,10 +136,11 @@ void main() {
         float t = hits[pixel.y * width + pixel.x];
         if (t >= 0.0) {
             Line line = line_of(origin, d, begin, span.y, dims);
-            vec3 n = line.p0 + line.dn * (t - begin);
-            a = vec4(normal_at(line, t - begin, t <= begin), t);
+            float inside = t - begin;
+            vec3 normal = normal_at(line, inside, inside <= 0.0);
+            a = vec4(normal, t);
             b.a = t;
-            c.a = open_visibility(n);
+            c.a = surface_visibility(line.p0 + line.dn * inside, normal, dims);
             e.y = 1.0;
         }
     } else {

@@ -68,6 +68,7 @@ vec4 clip_plane(uint k) {
 }
 #include "clip.glsl"
 #include "hit.glsl"
+#include "around.glsl"
 
 const float INV_4PI = 0.07957747154594767;
 const float INV_PI = 0.3183098861837907;
@@ -95,34 +96,26 @@ void half_space(vec3 normal, out vec4 v[4]) {
     v[3] = zonal[3] * vec4(y[12], y[13], y[14], y[15]);
 }
 
-// The field at a surface point: trilinear among the eight cells around it, of which only those in vacuum count. A cell
-// centred inside the surface sees nothing and would say nothing about the light that falls on it. Where the volume's box
-// cuts matter open there are no cells further out: nothing stands there, and the surface sees what an open plane sees.
+// The field at a surface point: trilinear among the eight cells around it that say something; see around.glsl.
 void surface_visibility(vec3 n, vec3 normal, vec3 outward, out vec4 v[4]) {
     vec4 open[4];
     half_space(normal, open);
     vec3 q = n * field_dims.xyz - 0.5;
     for (int attempt = 0; attempt < 2; attempt++) {
-        vec3 base = floor(q);
-        vec3 f = q - base;
         for (int g = 0; g < 4; g++) v[g] = vec4(0.0);
         float weights = 0.0;
         for (int i = 0; i < 8; i++) {
-            vec3 o = vec3(i & 1, (i >> 1) & 1, i >> 2);
-            vec3 wanted = base + o;
-            vec3 c = clamp(wanted, vec3(0.0), field_dims.xyz - 1.0);
-            vec3 w3 = mix(1.0 - f, f, o);
-            float w = w3.x * w3.y * w3.z;
-            vec3 centre = (c + 0.5) / field_dims.xyz;
-            bool vacuum = above(centre) < 0.0 || !is_kept(centre * vec3(textureSize(volume, 0)));
-            if (w > 0.0 && !vacuum && wanted != c) {
+            ivec3 c;
+            float w;
+            uint rule = cell_around(q, i, field_dims.xyz, attempt == 1, c, w);
+            if (rule == OPEN) {
                 for (int g = 0; g < 4; g++) v[g] += w * open[g];
                 weights += w;
-            } else if (w > 0.0 && (vacuum || attempt == 1)) {
-                uint brick = brick_of(bricks, ivec3(c));
+            } else if (rule == SAYS) {
+                uint brick = brick_of(bricks, c);
                 weights += w;
                 if (brick < HELD) continue; // nobody computed it: dark
-                ivec3 p = texel_of(brick, ivec3(c), ivec3(field_dims.xyz));
+                ivec3 p = texel_of(brick, c, ivec3(field_dims.xyz));
                 v[0] += w * decode(texelFetch(field0, p, 0), 0u);
                 if (BANDS > 2) v[1] += w * decode(texelFetch(field1, p, 0), 1u);
                 if (BANDS > 2) v[2] += w * decode(texelFetch(field2, p, 0), 2u);
@@ -133,7 +126,6 @@ void surface_visibility(vec3 n, vec3 normal, vec3 outward, out vec4 v[4]) {
             for (int g = 0; g < 4; g++) v[g] /= weights;
             break;
         }
-        // No vacuum cell around: look one field cell further out, and take what is there.
         q += outward;
     }
     if (BANDS == 1) v[0].yzw = vec3(0.0);
@@ -190,11 +182,7 @@ void main() {
     float t = 0.5 * (lo + hi);
     vec3 n = line.p0 + line.dn * t;
     vec3 normal = normal_at(line, t, cut_open);
-    // One field cell outwards, in cells: the world normal back to voxel space, its largest component made 1.
-    vec3 outward = transpose(mat3(voxel_to_world_normal)) * normal * (1.0 / dims) * field_dims.xyz;
-    float largest = max(max(abs(outward.x), abs(outward.y)), abs(outward.z));
-    outward = largest > 0.0 ? outward / largest : vec3(0.0);
-
+    vec3 outward = one_cell_out(normal, dims, field_dims.xyz);
     vec4 v[4];
     surface_visibility(n, normal, outward, v);
     vec3 radiance;

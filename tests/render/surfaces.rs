@@ -155,6 +155,58 @@ fn a_surface_that_the_box_cuts_open_sees_what_an_open_plane_sees() {
             assert_eq!(got[3], 1.0);
             // Four bands of a step ring by a few percent.
             assert!((got[0] - expected).abs() < 0.08 * expected, "margin {margin}, 1:{ratio}, {shading:?}: {} for {expected}", got[0]);
+            // The layer of visibility is what the isotropic form shows under such a light, at every pixel.
+            if shading == Shading::Isotropic {
+                assert_visibility_is_the_picture(&engine, &medium, &lit, &camera, &image(16, 16, 0.5));
+            }
         }
+    }
+}
+
+/// Under a constant light of 1 an isotropic surface of albedo 1 shows the mean visibility: the picture and the layer are one.
+fn assert_visibility_is_the_picture(
+    engine: &Checked,
+    medium: &halflight::engine::Medium,
+    lit: &halflight::engine::Lit,
+    camera: &Camera,
+    image: &ImageSettings,
+) {
+    let (picture, hits) = engine.render_with_distance(medium, lit, camera, image, &mut quiet).expect("picture");
+    let behind = engine.aovs(medium, lit, camera, image, &hits, &mut quiet).expect("layers");
+    let mut seen = 0;
+    for (i, (p, b)) in picture.rgba.iter().zip(&behind).enumerate().filter(|(_, (p, _))| p[3] > 0.0) {
+        // Half floats.
+        assert!((b.visibility - p[0]).abs() < 2e-3, "pixel {i}: {} for {}", b.visibility, p[0]);
+        seen += 1;
+    }
+    assert!(seen > 20, "{seen}");
+}
+
+#[test]
+fn the_visibility_layer_of_a_surface_that_the_box_cuts_open_is_half_the_sky() {
+    let engine = engine();
+    // A block in a corner of the box: the field holds cells near it only.
+    let grid = Grid::axis_aligned([64; 3], [1.0; 3]).expect("grid");
+    let block = |p: [f64; 3]| p[0] < 32.0 && p[2] < 48.0;
+    let samples = (0..1 << 18).map(|i| 200 * u8::from(block([f64::from(i % 64), 0.0, f64::from(i >> 12)])));
+    let volume = Volume::new(grid, halflight::scene::Samples::U8(samples.collect()), 1.0, 0.0).expect("volume");
+    let matter = surface(Surface { iso: 100.0, shading: Shading::Isotropic, albedo: Some([1.0; 3]) });
+    let (_, medium) = load(&engine, &volume, &matter);
+    let field = engine.precompute(&medium, &Visibility { directions: 64, ..march(4) }, &mut quiet).expect("field");
+    for light in [Light::constant([1.0; 3]), Light::constant([1.0, 1.0, 1.001])] {
+        let lit = engine.relight(&field, &light).expect("light");
+        let camera = camera(&grid, [-2.5, 0.0, 0.0], 20.0);
+        let settings = image(24, 24, 1.0);
+        assert_visibility_is_the_picture(&engine, &medium, &lit, &camera, &settings);
+        let (_, hits) = engine.render_with_distance(&medium, &lit, &camera, &settings, &mut quiet).expect("picture");
+        let behind = engine.aovs(&medium, &lit, &camera, &settings, &hits, &mut quiet).expect("layers");
+        let face: Vec<_> = behind.iter().filter(|b| b.opacity > 0.0 && b.normal[0] < -0.9).map(|b| f64::from(b.visibility)).collect();
+        let mean = face.iter().sum::<f64>() / face.len() as f64;
+        println!("mean visibility of the open face: {mean:.3}");
+        assert!(face.len() > 100 && (mean - 0.5).abs() < 0.02, "{mean}");
+        // Sabotage: distances a twentieth further off are another place, and so is the light there.
+        let inside: Vec<f32> = hits.iter().map(|h| 1.05 * h).collect();
+        let wrong = engine.aovs(&medium, &lit, &camera, &settings, &inside, &mut quiet).expect("layers");
+        assert!(wrong.iter().zip(&behind).any(|(w, b)| (w.visibility - b.visibility).abs() > 0.02));
     }
 }
