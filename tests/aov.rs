@@ -123,3 +123,23 @@ fn a_ball_has_its_normals_and_sees_half_the_sky() {
     let none = engine.aovs(&medium, &lit, &camera, &image, &[], &mut quiet).expect_err("needs hits").to_string();
     assert!(none.contains("0 distances for 768 pixels"), "{none}");
 }
+
+#[test]
+fn visibility_keeps_within_0_and_1_though_a_fitted_field_does_not() {
+    let sums = |visibility: f32| [[0.0; 4], [0.0; 4], [0.0, 0.0, 0.0, visibility], [0.0, 0.5, 0.0, 0.0]];
+    for (sum, expected) in [(-0.0097, 0.0), (0.25, 0.5), (0.51, 1.0)] {
+        assert_eq!(Behind::of(&sums(sum)).visibility, expected);
+    }
+    // Hard matter in coarse cells: where all around is dark, what is fitted to matter elsewhere swings below 0.
+    let engine = engine();
+    let grid = Grid::axis_aligned([32; 3], [1.0; 3]).expect("grid");
+    let (_, medium) = load(&engine, &blobs(grid, 3), &linear(6.0));
+    let s = Visibility { method: Method::Sweep, ratio: 4, directions: 64, fit: 8, ..Visibility::default() };
+    let lit = engine.relight(&engine.precompute(&medium, &s, &mut quiet).expect("field"), &Light::constant([1.0; 3])).expect("light");
+    let cells = engine.read_irradiance(&lit).expect("read");
+    let below = cells.iter().filter(|c| c[3] < 0.0).count();
+    let image = ImageSettings { width: 32, height: 24, ..ImageSettings::default() };
+    let behind = engine.aovs(&medium, &lit, &camera(&grid, [1.6, -1.9, 1.1], 30.0), &image, &[], &mut quiet).expect("layers");
+    println!("{below} cells below 0");
+    assert!(below > 0 && behind.iter().all(|b| (0.0..=1.0).contains(&b.visibility)));
+}

@@ -169,7 +169,8 @@ impl Behind {
             normal: [0, 1, 2].map(|i| if length > 0.0 { a[i] / length } else { 0.0 }),
             albedo: [0, 1, 2].map(|i| mean(b[i])),
             irradiance: [0, 1, 2].map(|i| mean(c[i])),
-            visibility: mean(c[3]),
+            // A fitted field swings beyond either end.
+            visibility: mean(c[3]).clamp(0.0, 1.0),
             opacity: w.clamp(0.0, 1.0),
         }
     }
