@@ -136,8 +136,10 @@ void main() {
         float t = hits[pixel.y * width + pixel.x];
         if (t >= 0.0) {
             Line line = line_of(origin, d, begin, span.y, dims);
-            float inside = t - begin;
-            vec3 normal = normal_at(line, inside, inside <= 0.0);
+            // isosurface.comp left `begin` itself where the box or a plane cuts the surface open: compiled apart, it may be rounded
+            // another way there, by a few units in the last place.
+            float inside = t <= begin * (1.0 + 1e-6) ? 0.0 : t - begin;
+            vec3 normal = normal_at(line, inside, inside == 0.0);
             a = vec4(normal, t);
             b.a = t;
             c.a = surface_visibility(line.p0 + line.dn * inside, normal, dims);

@@ -210,3 +210,34 @@ fn the_visibility_layer_of_a_surface_that_the_box_cuts_open_is_half_the_sky() {
         assert!(wrong.iter().zip(&behind).any(|(w, b)| (w.visibility - b.visibility).abs() > 0.02));
     }
 }
+
+#[test]
+fn a_cut_face_keeps_its_normal_in_the_layers_though_distances_are_rounded() {
+    let engine = engine();
+    let volume = ball(32, 14.0);
+    let clip = halflight::scene::Clip { planes: vec![[0.3, -0.5, -0.8, -0.071]], ..Default::default() };
+    let uploaded = engine.upload(&volume).expect("upload");
+    let medium = engine.classify_clipped(&uploaded, &sphere_surface(Shading::Lambert), &clip).expect("classify");
+    let lit =
+        engine.relight(&engine.precompute(&medium, &march(4), &mut quiet).expect("field"), &Light::constant([1.0; 3])).expect("light");
+    let camera = camera(volume.grid(), [-0.6, 1.0, 1.6], 30.0);
+    let settings = image(24, 18, 0.5);
+    let (_, hits) = engine.render_with_distance(&medium, &lit, &camera, &settings, &mut quiet).expect("picture");
+    let face = -DVec3::new(0.3, -0.5, -0.8).normalize();
+    let on_face = |hits: &[f32]| {
+        let behind = engine.aovs(&medium, &lit, &camera, &settings, hits, &mut quiet).expect("layers");
+        behind.iter().map(|b| face.dot(b.normal.map(f64::from).into()) > 0.99999).collect::<Vec<_>>()
+    };
+    let exact = on_face(&hits);
+    let count = exact.iter().filter(|f| **f).count();
+    assert!(count > 40, "{count}");
+    // Another compiler may round the distance of the plane another way in the kernel that left it.
+    let rounded =
+        |ulps: i32| hits.iter().map(|h| if *h > 0.0 { f32::from_bits((h.to_bits() as i32 + ulps) as u32) } else { *h }).collect::<Vec<_>>();
+    for ulps in [-3, 3] {
+        assert!(on_face(&rounded(ulps)) == exact, "{ulps} ulps");
+    }
+    // Sabotage: a hundredth of a voxel is another surface.
+    let inside: Vec<f32> = hits.iter().map(|h| if *h > 0.0 { h + 0.01 } else { *h }).collect();
+    assert_ne!(on_face(&inside), exact);
+}
