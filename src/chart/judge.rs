@@ -174,7 +174,10 @@ impl Frames<'_> {
             }
             let settings = ReferenceSettings { error: CUT_ERROR, ..Default::default() };
             let r = self.trace(&Sky::from_probe(&probe), 8 * bands + seed, share * seconds, settings, clock)?;
-            error = error.hypot(r.relative_error * mean(&r.picture));
+            // Of what was never lit no noise is known.
+            if r.relative_error.is_finite() {
+                error = error.hypot(r.relative_error * mean(&r.picture));
+            }
             for (to, from) in sum.rgba.iter_mut().zip(&r.picture.rgba) {
                 *to = [0, 1, 2, 3].map(|c| if c < 3 { to[c] + sign as f32 * from[c] } else { from[c] });
             }

@@ -53,7 +53,8 @@ pub struct Reference {
     pub picture: Picture,
     /// Standard error of each pixel's R, G, B: of the mean of block means.
     pub standard_error: Vec<[f32; 3]>,
-    /// √mean(standard error²)/mean over R, G, B of the pixels that the volume covers (coverage above 0); 0 where none is.
+    /// √mean(standard error²)/mean over R, G, B of the pixels that the volume covers (coverage above 0); 0 where none is, and
+    /// where neither light nor albedo leaves anything to be seen; infinite while no sample was lit, though some may be.
     pub relative_error: f64,
     /// Samples of each pixel.
     pub samples: u32,
@@ -228,6 +229,7 @@ impl Engine {
             width: image.width as u32,
             step_length,
             seed,
+            lit: sky.scale() > 0.0 && tables.probe.mean() != [0.0; 3] && medium.table.albedo.iter().any(|a| a[..3] != [0.0; 3]),
         })
     }
 
@@ -288,6 +290,8 @@ struct Tracer<'a> {
     width: u32,
     step_length: f64,
     seed: u32,
+    /// Whether there is light, and matter that scatters it.
+    lit: bool,
 }
 
 impl Tracer<'_> {
@@ -369,7 +373,12 @@ impl Tracer<'_> {
                 }
             }
         }
-        let relative_error = if sum > 0.0 { (squares / count).sqrt() / (sum / count) } else { 0.0 };
+        let relative_error = match sum > 0.0 {
+            true => (squares / count).sqrt() / (sum / count),
+            // Dim is not dark: that no light was found yet says nothing of how little there is.
+            false if count > 0.0 && self.lit => f64::INFINITY,
+            false => 0.0,
+        };
         Ok(Reference { picture, standard_error, relative_error, samples, cancelled: false })
     }
 }
