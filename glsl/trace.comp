@@ -253,7 +253,7 @@ void main() {
     key.x = pixel.y * width + pixel.x;
     for (uint s = first_sample; found && s < first_sample + sample_count; s++) {
         key.y = s;
-        key.z = seed;
+        key.z = seed * 0x9E3779B9u; // counts of neighbouring seeds lie far apart: none draws what another draws
         vec2 jitter = draw(key);
         uint k = s % BATCH;
         vec2 u = min((vec2(k % STRATA, k / STRATA) + jitter) / float(STRATA), vec2(0.99999994));

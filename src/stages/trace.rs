@@ -107,7 +107,7 @@ pub struct Part {
     pub sample_count: u32,
     /// Iterations that an invocation may make.
     pub most_events: u32,
-    /// Start of the draws' count.
+    /// Another is another picture: the draws' count starts elsewhere.
     pub seed: u32,
 }
 
@@ -217,7 +217,7 @@ pub fn reference(scene: &Twin, pixel: [usize; 2], sample: u32) -> [f32; 4] {
     let d = scene.view.direction(pixel[0], pixel[1]);
     let (enter, leave) = twin::box_span(scene.view.origin, d, dims);
     let enter = enter.max(0.0);
-    let mut draws = Draws([(pixel[1] * scene.width + pixel[0]) as u32, sample, scene.seed]);
+    let mut draws = Draws([(pixel[1] * scene.width + pixel[0]) as u32, sample, scene.seed.wrapping_mul(0x9E37_79B9)]);
     if leave <= enter {
         return [0.0; 4];
     }
