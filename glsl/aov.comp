@@ -21,7 +21,7 @@ layout(set = 0, binding = 4, std430) buffer State { vec4 state[]; }; // four a p
 layout(set = 0, binding = 5, std430) readonly buffer Window { vec4 window[2]; }; // as raymarch.comp's
 layout(set = 0, binding = 6, std430) readonly buffer Hits { float hits[]; };    // a surface's, as isosurface.comp left them
 layout(set = 0, binding = 7, std430) readonly buffer Frame {
-    mat4 voxel_to_world_normal; // gradient in voxel space -> world space
+    mat4 voxel_to_world_normal; // direction of a gradient in voxel space -> world space
     float iso;  // as the volume's image returns it
     float side; // as isosurface.comp's
     float light_scale;
@@ -53,6 +53,7 @@ layout(push_constant) uniform Params {
     uint bounds_x; // as raymarch.comp's
     uint bounds_y;
     uint bounds_z;
+    float per_unit; // see view.glsl
 };
 #include "medium.glsl"
 #include "clip.glsl"
@@ -77,7 +78,7 @@ vec3 medium_normal(vec3 n, vec3 dims) {
     vec3 before = vec3(sigma_at(n - vec3(h.x, 0.0, 0.0)), sigma_at(n - vec3(0.0, h.y, 0.0)), sigma_at(n - vec3(0.0, 0.0, h.z)));
     vec3 g = after - before;
     if (dot(abs(g), vec3(1.0)) <= FLAT * dot(after + before, vec3(1.0))) return vec3(0.0);
-    vec3 w = -(mat3(voxel_to_world_normal) * g);
+    vec3 w = -(mat3(voxel_to_world_normal) * near_one(g));
     float l = length(w);
     return l > 0.0 ? w / l : vec3(0.0);
 }

@@ -1,5 +1,5 @@
 // Where a viewing ray first meets D >= iso, for isosurface and trace. Needs in scope: volume, iso, side, step_length,
-// voxel_to_world_normal, metric_diagonal, metric_cross, and clip.glsl.
+// voxel_to_world_normal (of any scale near 1), metric_diagonal, metric_cross, ray.glsl and clip.glsl.
 const int BISECTIONS = 12;
 
 // A ray from where it enters the box (or from the eye), in normalised coordinates.
@@ -30,7 +30,7 @@ vec3 outward_normal(vec3 n, vec3 dims) {
         above(n + vec3(h.x, 0.0, 0.0)) - above(n - vec3(h.x, 0.0, 0.0)),
         above(n + vec3(0.0, h.y, 0.0)) - above(n - vec3(0.0, h.y, 0.0)),
         above(n + vec3(0.0, 0.0, h.z)) - above(n - vec3(0.0, 0.0, h.z)));
-    vec3 w = -(mat3(voxel_to_world_normal) * g);
+    vec3 w = -(mat3(voxel_to_world_normal) * near_one(g));
     float l = length(w);
     return l > 0.0 ? w / l : vec3(0.0);
 }
@@ -85,14 +85,14 @@ vec3 normal_at(Line l, float t, bool cut_open) {
                 }
             }
         }
-        normal = normalize(mat3(voxel_to_world_normal) * axis);
+        normal = normalize(mat3(voxel_to_world_normal) * near_one(axis));
     }
     if (normal == vec3(0.0)) {
         // Flat data has no gradient: face the viewer. The ray in world space is M d = M^-T (M^T M d).
         vec3 d = l.d;
         vec3 g = metric_diagonal * d + vec3(metric_cross.x * d.y + metric_cross.y * d.z, metric_cross.x * d.x + metric_cross.z * d.z,
             metric_cross.y * d.x + metric_cross.z * d.y);
-        normal = -normalize(mat3(voxel_to_world_normal) * g);
+        normal = -normalize(mat3(voxel_to_world_normal) * near_one(g));
     }
     return normal;
 }

@@ -28,7 +28,7 @@ layout(set = 0, binding = 2) uniform sampler3D field1;
 layout(set = 0, binding = 3) uniform sampler3D field2;
 layout(set = 0, binding = 4) uniform sampler3D field3;
 layout(set = 0, binding = 5, std430) readonly buffer View {
-    mat4 voxel_to_world_normal; // gradient in voxel space -> world space (inverse transpose of the linear part)
+    mat4 voxel_to_world_normal; // direction of a gradient in voxel space -> world space (inverse transpose of the linear part)
     vec4 albedo;
     vec4 field_dims;
     // Isotropic: row 0 holds L_i. Lambert: rows k = 0..30 hold, for coefficient i, sum_j G_ijk L_j h_l(k).
@@ -58,6 +58,7 @@ layout(push_constant) uniform Params {
     uint bounds_x;        // first voxel with matter around it, and << 16 one past the last
     uint bounds_y;
     uint bounds_z;
+    float per_unit; // see view.glsl
 };
 #include "view.glsl"
 #include "occupancy.glsl"

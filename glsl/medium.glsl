@@ -1,5 +1,5 @@
-// The medium: scalar sample -> extinction. Needs in scope: sigma[] (TABLE_SIZE entries, then four numbers per clip plane),
-// map_scale, map_bias.
+// The medium: scalar sample -> extinction. Needs in scope: sigma[] (TABLE_SIZE entries, then four numbers per clip plane, then
+// units per world unit, see view.glsl), map_scale, map_bias.
 
 // Table coordinate 0..TABLE_SIZE-1 of a sample as the image returns it.
 float table_coordinate(float d) {

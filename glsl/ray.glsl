@@ -6,6 +6,12 @@ vec3 safe_direction(vec3 d) {
     return mix(d, least, lessThan(abs(d), least));
 }
 
+// Brought near length 1 by a power of two, lest squares of what is in the world's or the data's unit vanish or overflow.
+vec3 near_one(vec3 v) {
+    float largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
+    return v * uintBitsToFloat((254u - min(floatBitsToUint(largest) >> 23, 253u)) << 23);
+}
+
 // Where the ray enters and leaves the box 0..dims; x > y when it misses.
 vec2 box_span(vec3 p, vec3 d, vec3 dims) {
     vec3 a = (vec3(0.0) - p) / d;

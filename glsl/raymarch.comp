@@ -52,6 +52,7 @@ layout(push_constant) uniform Params {
 };
 #include "medium.glsl"
 #include "clip.glsl"
+#define per_unit sigma[uint(TABLE_SIZE) + 4u * CLIPS] // see view.glsl
 #include "view.glsl"
 #include "occupancy.glsl"
 

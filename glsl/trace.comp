@@ -59,6 +59,7 @@ layout(push_constant) uniform Params {
     uint sample_count;
     uint most_events; // iterations that this invocation may make
     uint seed;
+    float per_unit; // see view.glsl
 };
 #include "medium.glsl"
 #include "clip.glsl"

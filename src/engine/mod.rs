@@ -440,7 +440,7 @@ impl Engine {
             table = Table::surface(iso, SURFACE_DEPTH / grid.voxel_length(), albedo);
         }
         self.ask("the transfer function", 20 * table.sigma.len() as u64, |_| "free what this engine holds, or allow more memory".into())?;
-        let sigma = self.device.buffer_from("sigma", &[&table.sigma[..], clip.as_flattened()].concat())?;
+        let sigma = self.device.buffer_from("sigma", &[&table.sigma[..], clip.as_flattened(), &[(1.0 / grid.unit()) as f32]].concat())?;
         let albedo = self.device.buffer_from("albedo", &table.albedo)?;
         let occupancy = self.occupancy_of(volume, &table, matter.surface.is_some(), &mut tell)?;
         let flat_albedo = table.albedo.windows(2).all(|w| w[0] == w[1]).then(|| [0, 1, 2].map(|c| table.albedo[0][c]));

@@ -4,6 +4,9 @@ use crate::error::{Error, Result};
 pub use glam;
 use glam::{DAffine3, DMat3, DVec3};
 
+/// Longest edge of a voxel, world units: a million of them, and a camera some boxes away, are still distances in single precision.
+const LONGEST_SPACING: f64 = 1e30;
+
 /// The sampling grid of a volume. `voxel` coordinates run 0..n per axis, the centre of voxel i lies at i + ½; `world`
 /// coordinates are the data's physical units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +20,8 @@ impl Grid {
     /// it may be oblique, not singular.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a dimension of 0 or beyond 2^20, and for a map that is not finite or has no volume.
+    /// [`Error::Invalid`] for a dimension of 0 or beyond 2^20, and for a map that is not finite, has no volume, or spaces voxels by
+    /// more than 10³⁰.
     pub fn new(dims: [usize; 3], voxel_to_world: DAffine3) -> Result<Self> {
         if dims.iter().any(|&n| n == 0 || n > 1 << 20) {
             return Err(Error::Invalid {
@@ -33,6 +37,14 @@ impl Grid {
                 item: "grid spacing",
                 what: format!("the voxel axes {}, {}, {} span no volume", m.x_axis, m.y_axis, m.z_axis),
                 right: "they must be finite, not zero, and not lie in one plane".into(),
+            });
+        }
+        let longest = m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length());
+        if longest > LONGEST_SPACING {
+            return Err(Error::Invalid {
+                item: "grid spacing",
+                what: format!("a voxel's edge is {longest:e} world units"),
+                right: format!("at most {LONGEST_SPACING:e}, for distances in single precision: take a larger unit of length"),
             });
         }
         Ok(Self { dims, voxel_to_world })
@@ -77,6 +89,12 @@ impl Grid {
     pub fn voxel_length(&self) -> f64 {
         let inverse = self.voxel_to_world.matrix3.inverse().transpose();
         1.0 / inverse.x_axis.length().max(inverse.y_axis.length()).max(inverse.z_axis.length())
+    }
+
+    /// A power of two near [`Grid::voxel_length`], world units: what is brought to single precision in it keeps its bits, and its
+    /// squares stay in range whatever unit the world has.
+    pub fn unit(&self) -> f64 {
+        self.voxel_length().log2().floor().exp2()
     }
 
     /// Longest edge of the volume's box, world units.

@@ -117,6 +117,7 @@ pub fn record(rec: &mut Recorder, medium: &MediumView, inputs: &Inputs, view: &V
             bounds_x,
             bounds_y,
             bounds_z,
+            per_unit: view.per_unit,
         },
         [part.width, part.rows, 1],
     )

@@ -20,7 +20,7 @@ pub const MAX_CLIPS: usize = 16;
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 pub struct Shade {
-    /// Gradient in voxel space → world space, columns of four.
+    /// Direction of a gradient in voxel space → world space, columns of four.
     pub voxel_to_world_normal: [[f32; 4]; 4],
     /// Linear RGB.
     pub albedo: [f32; 4],
@@ -63,9 +63,10 @@ impl Shade {
         }
     }
 
-    /// Gradient in voxel space → world space, columns of four.
+    /// Direction of a gradient in voxel space → world space, columns of four; in [`Grid::unit`]s, so that no square of it leaves
+    /// single precision.
     pub(super) fn normal_matrix(grid: &Grid) -> [[f32; 4]; 4] {
-        let normal = grid.voxel_to_world().matrix3.inverse().transpose();
+        let normal = grid.voxel_to_world().matrix3.inverse().transpose() * grid.unit();
         let column = |v: glam::DVec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
         [column(normal.x_axis), column(normal.y_axis), column(normal.z_axis), [0.0, 0.0, 0.0, 1.0]]
     }
@@ -150,6 +151,7 @@ pub fn record(rec: &mut Recorder, surface: &Surface, view: &View, part: Part, st
             bounds_x,
             bounds_y,
             bounds_z,
+            per_unit: view.per_unit,
         },
         [part.width, part.rows, 1],
     )

@@ -63,7 +63,7 @@ pub struct MediumView<'a> {
     pub grid: &'a Grid,
     /// Scalars.
     pub volume: &'a vk::Image,
-    /// σ_t table, 1/world unit; behind it four numbers per clip plane (`glsl/clip.glsl`).
+    /// σ_t table, 1/world unit; behind it four numbers per clip plane (`glsl/clip.glsl`), and [`Grid::unit`]s per world unit.
     pub sigma: &'a vk::Buffer,
     /// Clip planes.
     pub clips: u32,

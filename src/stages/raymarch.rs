@@ -10,7 +10,7 @@ use crate::scene::{Grid, Volume, camera::Rays};
 use crate::vk::{Buffer, Image, Recorder};
 
 /// The camera's rays in voxel space, single precision as the kernels take them. The ray through pixel (i, j), row 0 on
-/// top, runs along corner + i·du + j·dv.
+/// top, runs along corner + i·du + j·dv. Lengths are in [`Grid::unit`]s here, so that no square leaves single precision.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     /// The eye, voxel coordinates.
@@ -25,19 +25,23 @@ pub struct View {
     pub metric_diagonal: [f32; 3],
     /// xy, xz, yz of the grid's metric.
     pub metric_cross: [f32; 3],
+    /// Units per world unit.
+    pub per_unit: f32,
 }
 
 impl View {
     /// The rays of a camera over `grid`.
     pub fn new(grid: &Grid, rays: &Rays) -> Self {
-        let g = grid.metric();
+        let unit = grid.unit();
+        let g = grid.metric() * (1.0 / (unit * unit));
         Self {
             origin: rays.origin_voxel.map(|v| v as f32),
-            corner: rays.corner.map(|v| v as f32),
-            du: rays.du.map(|v| v as f32),
-            dv: rays.dv.map(|v| v as f32),
+            corner: rays.corner.map(|v| (v * unit) as f32),
+            du: rays.du.map(|v| (v * unit) as f32),
+            dv: rays.dv.map(|v| (v * unit) as f32),
             metric_diagonal: [g.x_axis.x as f32, g.y_axis.y as f32, g.z_axis.z as f32],
             metric_cross: [g.x_axis.y as f32, g.x_axis.z as f32, g.y_axis.z as f32],
+            per_unit: (1.0 / unit) as f32,
         }
     }
 
@@ -50,7 +54,7 @@ impl View {
         for (g, d) in self.metric_diagonal.iter().zip(d) {
             length2 += g * d * d;
         }
-        let d = d.map(|x| x / length2.sqrt());
+        let d = d.map(|x| x / length2.sqrt() * self.per_unit);
         let least = 1e-7 * d.iter().fold(0f32, |m, x| m.max(x.abs()));
         d.map(|x| if x.abs() < least { least } else { x })
     }

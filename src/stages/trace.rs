@@ -63,7 +63,7 @@ impl Setting {
         let probe = &sky.tables().probe;
         Self {
             sky_to_voxel: columns(grid.world_to_voxel().matrix3 * sky.rotation()),
-            voxel_to_world_normal: columns(grid.voxel_to_world().matrix3.inverse().transpose()),
+            voxel_to_world_normal: isosurface::Shade::normal_matrix(grid),
             world_to_sky: columns(sky.rotation().transpose()),
             surface_albedo: [r, g, b, 1.0],
             sky_size: [probe.width() as u32, probe.height() as u32, 0, 0],
@@ -159,6 +159,7 @@ pub fn record(
             sample_count: part.sample_count,
             most_events: part.most_events,
             seed: part.seed,
+            per_unit: view.per_unit,
         },
         [part.width, part.rows, 1],
     )

@@ -4,6 +4,7 @@
 mod common;
 mod media;
 mod pictures;
+mod spacing;
 mod surfaces;
 
 use common::*;
