@@ -5,7 +5,7 @@
 // sides of every branch, but leave a loop once all its rays have: leaps and samples are loops of their own, and the
 // samples of RUN steps are taken before blocks are looked at again, the same for all rays of a packet.
 // Counted per step in or near matter: one tap, a table lookup, one tap of the irradiance volume, two exp, two loads of
-// albedo unless it is constant; per leap one texel.
+// albedo unless it is constant; per leap one texel. Of a step that only coverage is followed through, a tap and a table lookup.
 // readwrite: state
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -29,6 +29,7 @@ layout(constant_id = 1) const uint TINTED = 0; // 1: albedo is constant and stan
 layout(constant_id = 2) const uint GREY = 0; // 1: the irradiance volume has one channel of light
 layout(constant_id = 3) const uint RUN = 8; // steps between two looks at the blocks
 layout(constant_id = 4) const uint CLIPS = 0; // clip planes
+layout(constant_id = 5) const uint BACKED = 0; // 1: something is laid behind the picture
 
 layout(push_constant) uniform Params {
     vec3 origin;          // voxel space
@@ -56,7 +57,19 @@ layout(push_constant) uniform Params {
 #include "view.glsl"
 #include "occupancy.glsl"
 
-const float DARK = 1e-3; // transmittance at which a ray ends
+const float DARK = 1e-3;    // transmittance at which a ray ends
+const float COVERED = 17.4; // optical depth at which coverage rounds to 1
+
+// From step i on, the first that may hold matter.
+uint leap_on(uint i, uint end, vec3 q0, vec3 d, float total) {
+    while (i < end) {
+        float t = float(i) * step_length;
+        float steps = leap(q0 + d * (t + 0.5 * min(step_length, total - t)), d);
+        if (steps == 0.0) break;
+        i += uint(steps);
+    }
+    return i;
+}
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -82,14 +95,7 @@ void main() {
     uint i = max(first_step, uint(clamp(inside.x / step_length - 2.0, 0.0, float(steps))));
     end = min(end, uint(clamp(inside.y / step_length + 2.0, 0.0, float(steps))));
     while (i < end && transmittance > DARK) {
-        if (SKIP == 1) {
-            while (i < end) {
-                float t = float(i) * step_length;
-                float steps = leap(q0 + d * (t + 0.5 * min(step_length, total - t)), d);
-                if (steps == 0.0) break;
-                i += uint(steps);
-            }
-        }
+        if (SKIP == 1) i = leap_on(i, end, q0, d, total);
         uint stop = min(i + RUN, end);
         for (; i < stop && transmittance > DARK; i++) {
             float t = float(i) * step_length;
@@ -109,6 +115,16 @@ void main() {
                 s.a += depth;
                 transmittance = exp(-s.a);
             }
+        }
+    }
+    // What is laid behind may be a million times as bright as the volume: of what passes, more than light's last thousandth counts.
+    while (BACKED == 1 && i < end && s.a < COVERED) {
+        if (SKIP == 1) i = leap_on(i, end, q0, d, total);
+        uint stop = min(i + RUN, end);
+        for (; i < stop && s.a < COVERED; i++) {
+            float t = float(i) * step_length;
+            float ds = min(step_length, total - t);
+            s.a += extinction(textureLod(volume, p0 + dn * (t + 0.5 * ds), 0.0).r) * ds;
         }
     }
     state[slot] = s;

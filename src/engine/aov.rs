@@ -114,7 +114,8 @@ impl Engine {
                 self.device.write(&found, &hits[(row * width) as usize..][..count])?;
             }
             for first_step in (0..steps).step_by(segment as usize) {
-                let part = Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length };
+                let part =
+                    Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length, backed: false };
                 let inputs = Inputs { irradiance, window, frame: &frame, hits: &found, surface: surface.is_some(), leap };
                 let mut rec = self.device.record()?;
                 aov::record(&mut rec, &medium.view(), &inputs, &view, part, &state)?;

@@ -3,6 +3,7 @@
 use super::{Engine, Lit, Medium, Pacer, Progress};
 use crate::error::{Error, Result};
 use crate::room::reserved;
+use crate::scene::scene::Background;
 use crate::scene::{Camera, Grid, ImageSettings, Picture, Surface};
 use crate::stages::occupancy::Leap;
 use crate::stages::raymarch::{Part, View};
@@ -27,6 +28,7 @@ pub(super) struct Shot<'a> {
     lit: &'a Lit,
     view: View,
     step_length: f64,
+    backed: bool,
     /// Of the longest ray.
     steps: u64,
     /// Steps of a dispatch.
@@ -136,13 +138,16 @@ impl Engine {
             bounds: if image.skip { medium.occupancy.bounds().unwrap_or_default() } else { [[0; 3], grid.dims()] },
             skip: image.skip,
         };
-        Ok(Shot { medium, lit, view, step_length, steps, segment, size: [width, height], most, form, state, pixels, surface, leap })
+        let backed = image.background != Background::Transparent;
+        Ok(Shot { medium, lit, view, step_length, backed, steps, segment, size: [width, height], most, form, state, pixels, surface, leap })
     }
 
     /// Renders strip by strip. `each` gets the pixels of a finished strip, last accessed as [`Access::ComputeWrite`], and may leave
     /// them in any other.
     pub(super) fn strips(&self, shot: &Shot, progress: &mut Progress, each: &mut dyn FnMut(Strip) -> Result<()>) -> Result<()> {
-        let Shot { medium, lit, view, step_length, steps, segment, size: [width, height], form, state, pixels, surface, leap, .. } = shot;
+        let Shot {
+            medium, lit, view, step_length, backed, steps, segment, size: [width, height], form, state, pixels, surface, leap, ..
+        } = shot;
         let (steps, segment, width, height) = (*steps, *segment, *width, *height);
         let mut tell = |fraction: f64| match progress("render", fraction as f32) {
             ControlFlow::Continue(()) => Ok(()),
@@ -171,8 +176,15 @@ impl Engine {
                 rec.barrier(&[depth.all().from(depth.last_access()).to(Access::ComputeWrite)]);
             }
             for first_step in (0..steps).step_by(segment as usize) {
-                let part =
-                    Part { width, first_row: row, rows, first_step: first_step as u32, step_count: segment, step_length: *step_length };
+                let part = Part {
+                    width,
+                    first_row: row,
+                    rows,
+                    first_step: first_step as u32,
+                    step_count: segment,
+                    step_length: *step_length,
+                    backed: *backed,
+                };
                 match surface {
                     None => raymarch::record(&mut rec, &medium.view(), lit.irradiance(), view, part, *leap, state)?,
                     Some((surface, shade, depth)) => {

@@ -1,5 +1,6 @@
 //! raymarch: direct volume rendering. L = Σ T α S front to back, α = 1 − exp(−σ_t Δs) for any step Δs (midpoint rule,
-//! classification after interpolation), S = ϖ · irradiance; a ray ends when T ≤ 10⁻³.
+//! classification after interpolation), S = ϖ · irradiance; a ray ends when T ≤ 10⁻³; its depth, if something is laid behind
+//! the picture, where coverage rounds to 1.
 
 use super::occupancy::Leap;
 use super::{MediumView, relight, twin};
@@ -75,6 +76,8 @@ pub struct Part {
     pub step_count: u32,
     /// World length of a step.
     pub step_length: f64,
+    /// Whether something is laid behind a medium's picture: its coverage is followed further than its light.
+    pub backed: bool,
 }
 
 /// Records one part. `irradiance` is the volume, where it stands ([`relight::window`]), and the radiance that its unit
@@ -109,6 +112,7 @@ pub fn record(
             tinted: medium.flat_albedo.is_some().into(),
             grey: (irradiance.format() == relight::format(true)).into(),
             clips: medium.clips,
+            backed: part.backed.into(),
             ..kernel::Spec::default()
         },
         &kernel::Params {
@@ -135,7 +139,7 @@ pub fn record(
     )
 }
 
-/// The twin: radiance and optical depth of one pixel. `irradiance(p)` is S/ϖ at voxel coordinates p.
+/// The twin: radiance and optical depth of one pixel of a picture that nothing is laid behind. `irradiance(p)` is S/ϖ at voxel coordinates p.
 pub fn reference(
     volume: &Volume,
     table: &Table,

@@ -9,6 +9,7 @@ mod surfaces;
 
 use common::*;
 use halflight::scene::grid::glam::DVec3;
+use halflight::scene::scene::Background;
 use halflight::scene::visibility::{Cells, Method};
 use halflight::scene::{Camera, Grid, ImageSettings, Light, Picture, Shading, Surface, Visibility, Volume};
 use halflight::stages::raymarch::{self, View};

@@ -180,3 +180,28 @@ fn thin_media_cover_by_their_depth_at_any_step() {
         }
     }
 }
+
+#[test]
+fn what_lies_behind_opaque_matter_does_not_shine_through_however_bright() {
+    let engine = engine();
+    let grid = Grid::axis_aligned([24; 3], [1.0; 3]).expect("grid");
+    let camera = camera(&grid, [0.0, -3.0, 0.0], 10.0);
+    let at = |sigma: f64, background: Background| {
+        let (_, medium) = load(&engine, &blobs(grid, 2), &homogeneous(sigma));
+        let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
+        let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
+        engine.render(&medium, &lit, &camera, &ImageSettings { background, ..image(8, 8, 0.5) }, &mut quiet).expect("picture")
+    };
+    let through = |p: &Picture| 1.0 - f64::from(p.rgba[4 * 8 + 4][3]);
+    // A depth of 24: of a sun of 1e5 a millionth is left, not a hundred.
+    for background in [Background::Color([1.0; 3]), Background::Light] {
+        assert!(through(&at(1.0, background)) < 1e-7, "{background:?}: {:e}", through(&at(1.0, background)));
+        // Thin matter lets pass what the formula says.
+        assert!((through(&at(0.2, background)) / (-0.2f64 * 24.0).exp() - 1.0).abs() < 1e-2);
+    }
+    // Where nothing is laid behind, rays end as soon as a thousandth is left; light is the same to the last bit.
+    let clear = at(1.0, Background::Transparent);
+    assert!((1e-4..1e-3).contains(&through(&clear)), "{:e}", through(&clear));
+    let laid = at(1.0, Background::Light);
+    assert!(clear.rgba.iter().zip(&laid.rgba).all(|(a, b)| a[..3] == b[..3] && b[3] - a[3] < 1e-3));
+}
