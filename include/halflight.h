@@ -361,7 +361,8 @@ typedef struct hl_job_state {
     uint32_t directions; /* of the last pass (precompute), or samples a pixel (reference picture) */
     double seconds;      /* since it was started */
     double device_seconds; /* 0 where the device keeps no time */
-    double error;          /* measured: relative L2 of the field, or standard error of the reference picture; negative: not */
+    double error;          /* measured: relative L2 of the field, or standard error of the reference picture, infinite while none
+                              of its samples was lit; negative: not */
     double error_low, error_high; /* 95 % interval */
 } hl_job_state;
 
