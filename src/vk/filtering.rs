@@ -26,7 +26,7 @@ impl Filtering {
 
     /// The weights of the eight texels around a place between them, x least, as an NVIDIA H200 takes them: whole steps that are
     /// split along z, then along x, then along y, halves going outwards in x. Twins that take them stay within the tolerances there
-    /// that they have where weights are exact (`tests/aov.rs`, `tests/reference.rs`).
+    /// that they have where weights are exact (`tests/aov.rs`, `tests/reference/`).
     pub fn weights(self, place: [f32; 3]) -> [f32; 8] {
         let steps = i64::from(self.steps);
         let [x, y, z] = place.map(|f| (self.round(f) * self.steps as f32) as i64);
