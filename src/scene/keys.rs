@@ -85,7 +85,12 @@ pub const KEYS: &[Key] = &[
         "largest field error: method (march or sweep), ratio, directions, near, step and bits are found by measuring",
     ),
     key("visibility.quality", "draft|normal|fine", "none", "tolerance 0.12, 0.06 or 0.03, and a field at 1:8, 1:4 or 1:2"),
-    key("visibility.method", "march|hierarchical|sweep", "sweep", "dense march (the reference), the paper's opacity pyramid, or swept slices"),
+    key(
+        "visibility.method",
+        "march|hierarchical|sweep",
+        "sweep",
+        "dense march (the reference), the paper's opacity pyramid, or swept slices",
+    ),
     key("visibility.ratio", "1|2|4|8", "4", "voxels per cell of the visibility field, along each axis"),
     key("visibility.directions", "N", "128", "directions per cell"),
     key("visibility.bands", "1|2|3|4", "4", "spherical-harmonic bands of the field: 1, 4, 9 or 16 coefficients"),
