@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 /// A compiler with its include folders.
 pub struct Compiler {
     includes: [PathBuf; 2],
+    /// What it says of itself, in one line.
+    pub version: String,
     #[cfg(not(feature = "shaderc"))]
     program: std::ffi::OsString,
     #[cfg(feature = "shaderc")]
@@ -16,7 +18,11 @@ impl Compiler {
     pub fn new(glsl: &Path, out: &Path) -> Result<Self, String> {
         let program = std::env::var_os("GLSLC").unwrap_or_else(|| "glslc".into());
         match std::process::Command::new(&program).arg("--version").output() {
-            Ok(_) => Ok(Self { includes: [glsl.to_owned(), out.to_owned()], program }),
+            Ok(said) => Ok(Self {
+                includes: [glsl.to_owned(), out.to_owned()],
+                version: String::from_utf8_lossy(&said.stdout).lines().collect::<Vec<_>>().join(", "),
+                program,
+            }),
             Err(e) => Err(format!(
                 "cannot run the GLSL compiler '{}': {e}. Install it (`apt-get install glslc`, or the Vulkan SDK), or name it in the \
                  environment variable GLSLC, or build with the cargo feature `shaderc`",
@@ -49,7 +55,8 @@ impl Compiler {
 impl Compiler {
     pub fn new(glsl: &Path, out: &Path) -> Result<Self, String> {
         let inner = shaderc::Compiler::new().map_err(|e| format!("shaderc does not start: {e}"))?;
-        Ok(Self { includes: [glsl.to_owned(), out.to_owned()], inner })
+        // Its version is the lock's.
+        Ok(Self { includes: [glsl.to_owned(), out.to_owned()], version: "shaderc".into(), inner })
     }
 
     /// The words of one kernel. Optimisation strips the names that reflection needs.

@@ -341,6 +341,7 @@ hl_status hl_image_unmap(hl_image *image);
 hl_status hl_image_read_layer(const hl_image *image, uint32_t layer, float *data, uint64_t count);
 hl_status hl_image_map_layer(hl_image *image, uint32_t layer, const float **data, uint64_t *count);
 hl_status hl_image_save(const hl_image *image, const char *path, const hl_save_info *info); /* .exr, .png; whole or not at all */
+/* b is the reference: what it covers counts. A background covers everything and dilutes relative errors: compare without one. */
 hl_status hl_image_compare(const hl_image *a, const hl_image *b, hl_difference *difference);
 hl_status hl_image_difference(const hl_image *a, const hl_image *b, int32_t kind, hl_image **image);
 
@@ -462,7 +463,7 @@ typedef struct hl_precompute_info {
     int32_t bands;             /* 1 to 4; 0: 4 */
     int32_t bits;              /* 8, 16, 32; 0: 8 */
     int32_t filter;            /* hierarchical; 0: axis */
-    int32_t jittered;          /* 1: the paper's patterns in place of one even set */
+    int32_t jittered;          /* march, hierarchical; 1: the paper's patterns in place of one even set */
     int32_t near_slices;       /* sweep; 0: 1 */
     int32_t all_cells;         /* 1: also cells far from matter */
     int32_t progressive;       /* 1: results after every pass (sweep; a planned field that missed begins anew); else one */

@@ -47,6 +47,10 @@ fn an_estimate_leaves_out_what_will_be_skipped() {
     let (code, out, err) = run(&["--skip-existing"]);
     assert_eq!(code, 0, "{err}");
     assert!(out.contains("frames     6 written in") && out.contains("estimate: ") && !out.contains("estimate   was"), "{out}");
+    // Nor are files kept that are all of another scene.
+    let (code, out, err) = run(&["--skip-existing", "--image.exposure", "1"]);
+    assert_eq!(code, 0, "{err}");
+    assert!(out.contains("frames     8 written in") && out.contains(" more for 4 frames, ") && out.contains("estimate   was"), "{out}");
     // Sabotage: with nothing there, four are left.
     drop(&[1, 2, 3, 4, 5, 6, 7, 8]);
     assert!(run(&["--skip-existing"]).1.contains(" more for 4 frames, "));

@@ -164,14 +164,13 @@ pub fn probe(scene: &Scene, path: &Path) -> Result<Probe, Failure> {
 
 /// The scene's light, and its probe for the background.
 pub fn light(scene: &Scene) -> Result<(Option<Probe>, Light), Failure> {
-    let probe = match &scene.light.source {
-        LightSource::Probe(path) => Some(probe(scene, path)?),
-        LightSource::Constant(_) => None,
-    };
-    let light = match (&probe, &scene.light.source) {
-        (Some(probe), _) => Light::from_probe(probe),
-        (None, LightSource::Constant(rgb)) => Light::constant(rgb.map(f64::from)),
-        (None, LightSource::Probe(_)) => Light::DARK,
+    let (probe, light) = match &scene.light.source {
+        LightSource::Probe(path) => {
+            let probe = probe(scene, path)?;
+            let light = Light::from_probe(&probe);
+            (Some(probe), light)
+        }
+        LightSource::Constant(rgb) => (None, Light::constant(rgb.map(f64::from))),
     };
     Ok((probe, scene.light.prepare(&light)))
 }

@@ -80,7 +80,7 @@ fn plain(context: &Context, m: &ArgMatches, signals: &Signals) -> Result<(), Fai
                 report.set("picture_error", json!(error));
                 meta.extend(error.meta());
             }
-            None => report.line("error", "not measured: nothing is seen"),
+            None => report.line("error", "not measured: nothing is seen, or nothing that is lit"),
         }
     }
     bar.check()?;

@@ -1,6 +1,6 @@
 //! What work will cost, by a pilot on this device: said before it starts.
 
-use super::{Behind, Engine, Lit, Medium, Progress, ReferenceSettings, aov, quiet};
+use super::{Behind, Engine, Lit, Medium, Progress, ReferenceSettings, Span, aov, quiet};
 use crate::error::Result;
 use crate::scene::visibility::Method;
 use crate::scene::{Camera, ImageSettings, Sky, Visibility};
@@ -159,8 +159,7 @@ impl Engine {
         self.take_timings();
         let start = Instant::now();
         work()?;
-        let spans = self.take_timings();
-        Ok(if spans.iter().all(|s| s.timed) { spans.iter().map(|s| s.seconds).sum() } else { start.elapsed().as_secs_f64() })
+        Ok(Span::seconds(&self.take_timings(), start))
     }
 }
 

@@ -118,8 +118,11 @@ impl Engine {
         // Loops besides the march: bisection, cells, harmonics.
         let (width, height) = (image.width as u32, image.height as u32);
         // One row must not take long either.
-        // A step may cost three iterations: a leap, the loop around it, a sample.
-        let segment = (self.device.loop_limit() / 3).saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
+        let backed = image.background != Background::Transparent;
+        // A step may cost three iterations: a leap, the loop around it, a sample; and as many again behind what is dark, where
+        // only the depth is marched on.
+        let per_step = if backed { 6 } else { 3 };
+        let segment = (self.device.loop_limit() / per_step).saturating_sub(4096).min((ROW_SAMPLES / width).max(256));
         let most = ((STRIP / image.width) as u32).min(height).max(1);
         let slots = (most * width) as usize;
         let form = Form { depth: medium.matter.surface.is_none(), half };
@@ -138,7 +141,6 @@ impl Engine {
             bounds: if image.skip { medium.occupancy.bounds().unwrap_or_default() } else { [[0; 3], grid.dims()] },
             skip: image.skip,
         };
-        let backed = image.background != Background::Transparent;
         Ok(Shot { medium, lit, view, step_length, backed, steps, segment, size: [width, height], most, form, state, pixels, surface, leap })
     }
 

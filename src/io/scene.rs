@@ -312,6 +312,11 @@ fn visibility(s: &Settings) -> Result<Visibility> {
         Error::Invalid { item, what, right } => s.origins.error(item, format!("is {what}"), right),
         other => other,
     })?;
+    let idle = ["visibility.filter", "visibility.growth"].into_iter().find(|key| s.has(key) && !s.has("visibility.method"));
+    if let Some(key) = idle {
+        let right = "it is of visibility.method \"hierarchical\": set that, too, or drop it";
+        return Err(s.origins.error(key, "changes nothing in a sweep, the default method", right));
+    }
     Ok(settings)
 }
 

@@ -1,7 +1,7 @@
 //! What a measurement may cost, and at which cells a field is measured for that.
 
 use super::{REFERENCE_DIRECTIONS, REFERENCE_STEP, dense, draw, near, reading};
-use crate::engine::{Engine, Medium, Progress};
+use crate::engine::{Engine, Medium, Progress, Span};
 use crate::error::Result;
 use crate::scene::visibility::Method;
 use crate::scene::{Visibility, Volume};
@@ -104,7 +104,7 @@ impl Plan {
             let start = Instant::now();
             engine.take_timings();
             engine.estimate(medium, &dense(ratio, directions), cells, &mut |_, f| progress("probes", 0.5 + 0.5 * f))?;
-            Ok(seconds(engine, start))
+            Ok(Span::seconds(&engine.take_timings(), start))
         };
         let mut seconds = 0.0;
         if let Some(first) = cells.first() {
@@ -147,15 +147,6 @@ fn own(settings: &Visibility) -> f64 {
     match (settings.method, settings.bits) {
         (Method::Sweep, _) | (_, 32) => 0.0,
         _ => f64::from(settings.directions) / f64::from(REFERENCE_DIRECTIONS) * f64::from(REFERENCE_STEP / settings.step),
-    }
-}
-
-/// Device seconds since the timings were last taken; where the device keeps no time, those of the clock.
-pub(super) fn seconds(engine: &Engine, start: Instant) -> f64 {
-    let spans = engine.take_timings();
-    match spans.iter().all(|s| s.timed) {
-        true => spans.iter().map(|s| s.seconds).sum(),
-        false => start.elapsed().as_secs_f64(),
     }
 }
 

@@ -2,9 +2,9 @@
 //! holds what is seen from its cells' centres and is measured there; one that is fitted to what pictures read between cells
 //! ([`crate::scene::Visibility::fit`]) is measured as they read it: at voxels of matter, trilinearly, each by the opacity that is seen.
 
-use super::budget::{Plan, seconds};
+use super::budget::Plan;
 use super::{Errors, REFERENCE_DIRECTIONS, REFERENCE_STEP, errors, is_reference, reading, reference};
-use crate::engine::{Engine, Field, Medium, Progress};
+use crate::engine::{Engine, Field, Medium, Progress, Span};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -93,7 +93,7 @@ impl Report {
             bits: settings.bits,
             before: before.map(|v| errors(&v, &truth, settings.bands)),
             after: errors(&after, &truth, settings.bands),
-            seconds: seconds(engine, start),
+            seconds: Span::seconds(&engine.take_timings(), start),
         })
     }
 

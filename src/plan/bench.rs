@@ -59,7 +59,7 @@ impl Bench<'_, '_> {
         let v = self.engine.estimate(self.medium, settings, cells, &mut |_, _| {
             (self.progress)("plan", share(self.seconds + start.elapsed().as_secs_f64()))
         })?;
-        let seconds = self.pace.map_or_else(|| together(&self.engine.take_timings(), start), |pace| pace(settings, cells.len()));
+        let seconds = self.pace.map_or_else(|| Span::seconds(&self.engine.take_timings(), start), |pace| pace(settings, cells.len()));
         self.seconds += seconds;
         Ok((v, seconds))
     }
@@ -102,14 +102,6 @@ pub(super) fn systematic(pairs: [[&Run; 2]; 2], kept: usize) -> [f64; 2] {
     }
     let both = both.max(0.0);
     [(both / power).sqrt(), ((whole - both).max(0.0) / power).sqrt()]
-}
-
-/// Device seconds of spans; where the device keeps no time, those of the clock.
-pub(super) fn together(spans: &[Span], start: Instant) -> f64 {
-    match spans.iter().all(|s| s.timed) {
-        true => spans.iter().map(|s| s.seconds).sum(),
-        false => start.elapsed().as_secs_f64(),
-    }
 }
 
 #[cfg(test)]

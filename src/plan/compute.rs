@@ -1,9 +1,8 @@
 //! The planned field, verified.
 
-use super::bench::together;
 use super::choose::unreachable;
 use super::{Candidate, Plan};
-use crate::engine::{Engine, Field, Medium, Pass, Progress};
+use crate::engine::{Engine, Field, Medium, Pass, Progress, Span};
 use crate::error::Result;
 use crate::measure::{FieldError, errors};
 use crate::scene::Visibility;
@@ -77,7 +76,7 @@ impl Plan {
                 })?,
             };
             let spans = engine.take_timings();
-            let seconds = together(&spans, start);
+            let seconds = Span::seconds(&spans, start);
             let data = engine.read_field(&field)?;
             let mut error = self.verify(&data);
             while error.relative_l2 <= self.tolerance && error.interval[1] > self.tolerance && self.widen(engine, medium, progress)? {

@@ -1,9 +1,8 @@
 //! How many voxels a cell takes.
 
 use super::Request;
-use super::bench::together;
 use super::between::Points;
-use crate::engine::{Engine, Medium, Progress};
+use crate::engine::{Engine, Medium, Progress, Span};
 use crate::error::{Error, Result};
 use crate::scene::visibility::{Method, Quality, Wanted};
 use crate::scene::{Visibility, Volume};
@@ -61,7 +60,7 @@ pub(super) fn ratio(engine: &Engine, volume: &Volume, medium: &Medium, request: 
             engine.estimate(medium, &one, &[0], &mut |_, _| progress("plan", 0.0))?;
             engine.take_timings();
             let found = between(engine, volume, medium, request.bands, tolerance, &cells, progress)?;
-            seconds = together(&engine.take_timings(), start);
+            seconds = Span::seconds(&engine.take_timings(), start);
             found
         }
     };

@@ -95,9 +95,14 @@ pub const KEYS: &[Key] = &[
     key("visibility.directions", "N", "128", "directions per cell"),
     key("visibility.bands", "1|2|3|4", "4", "spherical-harmonic bands of the field: 1, 4, 9 or 16 coefficients"),
     key("visibility.bits", "8|16|32", "8", "bits per stored coefficient; 32 is unpacked float"),
-    key("visibility.filter", "box|product|axis|extinction", "axis", "how the opacity pyramid joins two successive cells"),
-    key("visibility.sampling", "stratified|jittered", "stratified", "one well-spread set of directions, or jittered patterns"),
-    key("visibility.growth", "FACTOR", "0.25", "growth of the pyramid's steps with distance"),
+    key("visibility.filter", "box|product|axis|extinction", "axis", "how the opacity pyramid joins two successive cells (hierarchical)"),
+    key(
+        "visibility.sampling",
+        "stratified|jittered",
+        "stratified",
+        "one well-spread set of directions, or jittered patterns (march, hierarchical)",
+    ),
+    key("visibility.growth", "FACTOR", "0.25", "growth of the pyramid's steps with distance (hierarchical)"),
     key("visibility.step", "VOXELS", "1", "step of the dense march, and of a sweep near its cell"),
     key("visibility.near", "SLICES", "1", "cells that a sweep marches densely before it trusts the swept value"),
     key(

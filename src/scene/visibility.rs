@@ -10,7 +10,7 @@ pub enum Method {
     /// Growing steps through the opacity pyramid (Ritschel 2007, section 3.1).
     Hierarchical,
     /// Short characteristics: transmittance swept from slice to slice, dense near the cell (see `stages::sweep`). The default:
-    /// some thirty times as fast as the hierarchy at less error.
+    /// on CPU devices some thirty times as fast as the hierarchy, at less error.
     #[default]
     Sweep,
 }
@@ -184,7 +184,11 @@ impl Visibility {
             return bad("visibility.directions", format!("{}", self.directions), &right);
         }
         if self.method == Method::Sweep && self.sampling == Sampling::Jittered {
-            return bad("visibility.sampling", "jittered".into(), "a sweep takes one set of directions for all cells: stratified");
+            return bad(
+                "visibility.sampling",
+                "jittered".into(),
+                "a sweep takes one set of directions for all cells: take stratified, or method march or hierarchical",
+            );
         }
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! Device time per kernel.
 
+use std::time::Instant;
+
 /// What one kernel took since the timings were last taken.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span {
@@ -11,6 +13,16 @@ pub struct Span {
     pub seconds: f64,
     /// Whether the device measures time.
     pub timed: bool,
+}
+
+impl Span {
+    /// Device seconds of all of them; where the device keeps no time, those of the clock since `start`.
+    pub(crate) fn seconds(spans: &[Self], start: Instant) -> f64 {
+        match spans.iter().all(|s| s.timed) {
+            true => spans.iter().map(|s| s.seconds).sum(),
+            false => start.elapsed().as_secs_f64(),
+        }
+    }
 }
 
 /// Turns pairs of timestamps into seconds.

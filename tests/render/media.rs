@@ -186,12 +186,13 @@ fn what_lies_behind_opaque_matter_does_not_shine_through_however_bright() {
     let engine = engine();
     let grid = Grid::axis_aligned([24; 3], [1.0; 3]).expect("grid");
     let camera = camera(&grid, [0.0, -3.0, 0.0], 10.0);
-    let at = |sigma: f64, background: Background| {
+    let stepped = |sigma: f64, background: Background, step: f64| {
         let (_, medium) = load(&engine, &blobs(grid, 2), &homogeneous(sigma));
         let field = engine.precompute(&medium, &march(4), &mut quiet).expect("field");
         let lit = engine.relight(&field, &Light::constant([1.0; 3])).expect("light");
-        engine.render(&medium, &lit, &camera, &ImageSettings { background, ..image(8, 8, 0.5) }, &mut quiet).expect("picture")
+        engine.render(&medium, &lit, &camera, &ImageSettings { background, ..image(8, 8, step) }, &mut quiet).expect("picture")
     };
+    let at = |sigma: f64, background: Background| stepped(sigma, background, 0.5);
     let through = |p: &Picture| 1.0 - f64::from(p.rgba[4 * 8 + 4][3]);
     // A depth of 24: of a sun of 1e5 a millionth is left, not a hundred.
     for background in [Background::Color([1.0; 3]), Background::Light] {
@@ -204,4 +205,16 @@ fn what_lies_behind_opaque_matter_does_not_shine_through_however_bright() {
     assert!((1e-4..1e-3).contains(&through(&clear)), "{:e}", through(&clear));
     let laid = at(1.0, Background::Light);
     assert!(clear.rgba.iter().zip(&laid.rgba).all(|(a, b)| a[..3] == b[..3] && b[3] - a[3] < 1e-3));
+    // The same where a ray takes several dispatches, dark early in one of them or late in the last.
+    let fine = |sigma, background| stepped(sigma, background, 0.001);
+    engine.take_timings();
+    fine(0.31, Background::Light);
+    assert!(engine.take_timings().iter().any(|s| s.kernel == "raymarch" && s.calls > 1), "one dispatch did");
+    for sigma in [0.31, 1.0] {
+        let [clear, laid] = [Background::Transparent, Background::Light].map(|b| fine(sigma, b));
+        assert!(clear.rgba.iter().zip(&laid.rgba).all(|(a, b)| a[..3] == b[..3] && b[3] - a[3] < 1e-3));
+        let formula = (-sigma * 24.0).exp();
+        let off = through(&laid) - formula;
+        assert!(off.abs() < 2e-2 * formula + 2e-7, "{sigma}: {:e} for {formula:e}", through(&laid));
+    }
 }

@@ -60,6 +60,7 @@ fn rendered(context: &Context, m: &ArgMatches, mode: Mode) -> Result<(), Failure
         scenes,
         forecast: Forecast::default(),
         told: None,
+        stale: false,
         tally: Tally::default(),
     };
     run.session.check_given(&asked.frames, &run.scenes, &going)?;
@@ -99,6 +100,8 @@ struct Run<'a> {
     forecast: Forecast,
     /// What was said beforehand: seconds of all that was then left, when, and how many frames will then have been written.
     told: Option<(f64, Instant, usize)>,
+    /// Whether a file that was there was not whole, or of another scene or build.
+    stale: bool,
     tally: Tally,
 }
 
@@ -167,6 +170,7 @@ impl Run<'_> {
         if self.asked.skip && is_whole(path, &meta) {
             return Ok(false);
         }
+        self.stale |= self.asked.skip && path.is_file();
         let layers: Layers = self.session.layers(scene, &self.asked.written, going, paid).map_err(|f| match own(f) {
             (f, Ends::Frame) if self.session.given_is_bad => (f, Ends::Run),
             (f, Ends::Frame) if self.session.store().is_some_and(|s| s.broken) => (f, Ends::Rest),
@@ -209,8 +213,10 @@ impl Run<'_> {
         if self.told.is_some() || self.asked.fresh {
             return Ok(());
         }
-        // Of what lies ahead, frames whose files are there will be skipped, as far as that can be told without reading them.
-        let there = |p: usize| self.asked.skip && self.asked.path(self.asked.frames[p]).is_file();
+        // Of what lies ahead, frames whose files are there will be skipped, as far as that can be told without reading them: not
+        // where all that were met so far were made by another build, or of another scene.
+        let kept = self.asked.skip && !(self.stale && self.tally.skipped == 0);
+        let there = |p: usize| kept && self.asked.path(self.asked.frames[p]).is_file();
         let places: Vec<usize> = (0..self.scenes.len()).filter(|&p| p <= place || !there(p)).collect();
         let needs = self.needs(&places);
         let last = self.asked.estimate && self.forecast.frames() == sample(self.scenes.len()).len();

@@ -206,19 +206,15 @@ impl<'a> Session<'a> {
     }
 
     fn light(&mut self, scene: &Scene, paid: &mut Paid) -> Result<Light, Failure> {
-        if let LightSource::Probe(path) = &scene.light.source {
-            if self.probe.as_ref().is_none_or(|(known, ..)| known != path) {
+        let kept = self.probe.take();
+        let raw = match (&scene.light.source, kept) {
+            (LightSource::Constant(rgb), _) => Light::constant(rgb.map(f64::from)),
+            (LightSource::Probe(path), Some(kept)) if kept.0 == *path => self.probe.insert(kept).2,
+            (LightSource::Probe(path), _) => {
                 let probe = paid.time(READ, || load::probe(scene, path))?;
                 let light = Light::from_probe(&probe);
-                self.probe = Some((path.clone(), probe, light));
+                self.probe.insert((path.clone(), probe, light)).2
             }
-        } else {
-            self.probe = None;
-        }
-        let raw = match (&self.probe, &scene.light.source) {
-            (Some((.., light)), _) => *light,
-            (None, LightSource::Constant(rgb)) => Light::constant(rgb.map(f64::from)),
-            (None, LightSource::Probe(_)) => Light::DARK,
         };
         Ok(scene.light.prepare(&raw))
     }
