@@ -138,5 +138,5 @@ pub fn camera(grid: &Grid) -> Camera {
 
 /// Field settings of the demo: `quick` for a look, otherwise for show.
 pub fn visibility(quick: bool) -> Visibility {
-    Visibility { ratio: 4, directions: if quick { 64 } else { 128 }, ..Visibility::default() }
+    Visibility { ratio: if quick { 4 } else { 2 }, directions: if quick { 64 } else { 128 }, ..Visibility::default() }
 }

@@ -134,7 +134,7 @@ fn built_in() -> Result<Subject, Failure> {
         sky: Sky::from_probe(&Probe::two_colored()),
         camera,
         image: ImageSettings { width: 640, height: 480, exposure: demo::EXPOSURES[0], ..ImageSettings::default() },
-        ratio: demo::visibility(false).ratio,
+        ratio: 4,
         volume,
     })
 }
