@@ -38,6 +38,8 @@ pub fn run(context: &Context, m: &ArgMatches) -> Result<(), Failure> {
     } else if let Some(info) = picture {
         no_plot(m, "a picture")?;
         check_used(&overrides, &[], "the description of a picture").map_err(Failure::usage)?;
+        // A header says all that is said here, also over pixels that are not there.
+        io::whole_picture(path, &|_| true)?;
         report.set("kind", json!("picture"));
         self::picture(&mut report, path, &info);
     } else if single && io::is_probe(path)? {

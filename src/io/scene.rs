@@ -275,9 +275,16 @@ fn wanted(s: &mut Settings) -> Result<Option<Wanted>> {
     let tolerance = s.number("visibility.tolerance", 0.001..=1.0, "it must lie in 0.001..1, such as 0.05")?;
     let qualities = [("draft", Quality::Draft), ("normal", Quality::Normal), ("fine", Quality::Fine)];
     let quality = s.choice("visibility.quality", &qualities)?;
+    let fit = (s.integer("visibility.fit", 0..=u64::MAX, "it must be 0 to 64 points per cell")? > Some(0))
+        .then(|| s.origins.of("visibility.fit").to_owned());
     s.exclusive(&["visibility.tolerance"], &["visibility.quality"])?;
     s.exclusive(&["visibility.tolerance"], &FOUND)?;
     s.exclusive(&["visibility.quality"], &FOUND)?;
+    if let Some(origin) = fit.filter(|_| !s.has("visibility.fit")) {
+        log::warn!(
+            "{origin}: `visibility.fit` gives way to the tolerance, and a planned field is not fitted: the picture may be further off"
+        );
+    }
     Ok(match (s.has("visibility.tolerance"), s.has("visibility.quality")) {
         (true, _) => tolerance.map(Wanted::Tolerance),
         (_, true) => quality.map(Wanted::Quality),

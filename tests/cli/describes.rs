@@ -142,6 +142,9 @@ fn info_describes_pictures_of_its_own_and_leaves_probes_probes() {
         let bytes = std::fs::read(f.0.join(file)).unwrap();
         f.file(file, &bytes[..60]);
         fails(&f, &["info", file], 3, file);
+        // One that is whole over pixels that are not is no picture either.
+        f.file(file, &bytes[..bytes.len() - 20]);
+        fails(&f, &["info", file], 3, file);
     }
 }
 

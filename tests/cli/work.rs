@@ -172,3 +172,17 @@ fn too_little_memory_is_5_and_an_unknown_device_4() {
     let out = halflight(&f.0, &["--threads", "2", "--memory", "1K", "render", "scene.toml", "-o", "x.png"]);
     assert_eq!(out.status.code(), Some(5), "{}", String::from_utf8_lossy(&out.stderr));
 }
+
+#[test]
+fn a_tolerance_that_drops_a_fit_says_so() {
+    let f = Folder::new("fit");
+    sphere(&f);
+    for (fit, said) in [(8, true), (0, false)] {
+        let text = std::fs::read_to_string(f.0.join("scene.toml")).unwrap();
+        f.file("fit.toml", format!("{text}\nvisibility.fit = {fit}\n"));
+        let out = halflight(&f.0, &["precompute", "fit.toml", "-o", "f.nrrd", "--tolerance", "0.5"]);
+        let err = String::from_utf8(out.stderr).unwrap();
+        assert_eq!(out.status.code(), Some(0), "{err}");
+        assert_eq!(err.contains("`visibility.fit` gives way to the tolerance") && err.contains("fit.toml line "), said, "{err}");
+    }
+}

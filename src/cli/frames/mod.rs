@@ -238,10 +238,14 @@ impl Run<'_> {
             memory += &format!(", {fields} fields of {} in {}", bytes(store.largest), store.folder.display());
         }
         sayer.line(&match self.asked.estimate {
-            true => format!("estimate: {} for {} frames, {memory}", duration(all), needs.len()),
-            false => format!("estimate: {} more for {left} frame{}, {memory}", duration(rest), if left == 1 { "" } else { "s" }),
+            true => format!("estimate: {} for {}, {memory}", duration(all), many(needs.len())),
+            false => format!("estimate: {} more for {}, {memory}", duration(rest), many(left)),
         })
     }
+}
+
+fn many(frames: usize) -> String {
+    if frames == 1 { "1 frame".into() } else { format!("{frames} frames") }
 }
 
 /// Places that an estimate measures: the first two, which differ by what is paid once, one in the middle and the last.
