@@ -37,8 +37,17 @@ pub fn given(m: &ArgMatches, scene: &Scene) -> Result<Option<PathBuf>, Failure> 
 /// What a field's file says that it was computed with; `None` where it does not say so.
 pub fn settings(path: &Path) -> Result<Option<Visibility>, Failure> {
     let file = io::read_nrrd_field(path, &ReadOptions::default())?;
-    let text = file.meta.iter().find(|(k, _)| k == "scene").map(|(_, v)| v);
-    Ok(text.map(|text| io::parse_scene(text, &shown(path), Path::new(""), &[])).transpose()?.map(|scene| scene.visibility))
+    of(&file, "scene").map(|text| made_with(path, text)).transpose()
+}
+
+/// What a field's file says under a key.
+fn of<'a>(file: &'a io::NrrdField, key: &str) -> Option<&'a str> {
+    file.meta.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str())
+}
+
+/// The settings in the scene that a field's file holds.
+fn made_with(path: &Path, text: &str) -> Result<Visibility, Failure> {
+    Ok(io::parse_scene(text, &shown(path), Path::new(""), &[])?.visibility)
 }
 
 /// A field on the device, and what its file says was measured of it.
@@ -67,24 +76,22 @@ pub fn write(
 pub fn read(engine: &Engine, path: &Path, volume: &Volume, scene: &Scene, keys: &Keys, named: Option<&str>) -> Result<Loaded, Failure> {
     let bad = |what: &str, right: &str| Failure::from(Error::Format { path: path.to_owned(), what: what.into(), right: right.into() });
     let file = io::read_nrrd_field(path, &ReadOptions::default())?;
-    let of = |key: &str| file.meta.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str());
     let again = match named {
         None => "compute it anew with halflight precompute, or drop --field",
         Some(_) => "it is computed anew",
     };
-    let text = of("scene").filter(|_| Keys::told(&file));
+    let text = of(&file, "scene").filter(|_| Keys::told(&file));
     let Some(text) = text else { return Err(bad("it does not say what it was computed from", again)) };
     if let Some(why) = keys.differ(&file) {
         return Err(bad(why, again));
     }
-    let made = io::parse_scene(text, &shown(path), Path::new(""), &[])?;
-    if scene.wanted.is_none() && settled(&made.visibility) != settled(&scene.visibility) {
+    let mut settings = made_with(path, text)?;
+    if scene.wanted.is_none() && settled(&settings) != settled(&scene.visibility) {
         return Err(bad("it was computed with other [visibility] settings", again));
     }
-    if named.is_some_and(|name| of("field_key") != Some(name)) {
+    if named.is_some_and(|name| of(&file, "field_key") != Some(name)) {
         return Err(bad("it was computed on another device or by another version", again));
     }
-    let mut settings = made.visibility;
     // What was dropped for a light is not there, whatever the text says.
     settings.bands = (file.coefficients as f64).sqrt() as u32;
     let field = engine.load_field(volume.grid(), &settings, &file.data)?;

@@ -10,7 +10,7 @@ use super::output::{Inputs, Kind, Output, PICTURES};
 use super::path_of;
 use super::plan;
 use super::progress::Progress;
-use super::report::Report;
+use super::report::{Report, many};
 use super::signals::Signals;
 use clap::ArgMatches;
 use halflight::engine::{Engine, Field, Medium, Span};
@@ -189,10 +189,11 @@ pub fn visibility(
 fn said(grid: &Grid, v: &Visibility, report: &mut Report) {
     let ([fx, fy, fz], coefficients) = (grid.field_dims(v.ratio as usize), v.coefficients());
     let packing = if v.bits == 32 { "32-bit float".into() } else { format!("{} bits", v.bits) };
-    let each = if coefficients == 1 { "coefficient" } else { "coefficients" };
     let fitted = if v.fit > 0 { format!(", fitted to {} points a cell", v.fit) } else { String::new() };
-    report
-        .line("field", format!("{fx}x{fy}x{fz} (1:{}), {coefficients} {each} of {packing}, {} directions{fitted}", v.ratio, v.directions));
+    report.line(
+        "field",
+        format!("{fx}x{fy}x{fz} (1:{}), {} of {packing}, {} directions{fitted}", v.ratio, many(coefficients, "coefficient"), v.directions),
+    );
 }
 
 /// Trilinear taps of the long stages, roughly: what the bar shows as their shares.

@@ -126,6 +126,11 @@ fn table(spans: &[Span]) -> Vec<String> {
     lines
 }
 
+/// "1 frame", "8 frames".
+pub fn many(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

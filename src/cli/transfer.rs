@@ -4,6 +4,7 @@ use super::Context;
 use super::fail::Failure;
 use super::output::{Kind, Output};
 use super::path_of;
+use super::report::many;
 use clap::ArgMatches;
 use halflight::Error;
 use halflight::error::{escaped, shown};
@@ -94,10 +95,6 @@ fn target(out: &std::path::Path) -> Result<(Output, Format), Failure> {
 
 fn plain(text: &str) -> String {
     escaped(text).collect()
-}
-
-fn many(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
 /// "'CT-Bone': 4 colours, 4 opacities, scalars -3024 to 3071".

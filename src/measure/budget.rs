@@ -68,8 +68,8 @@ pub struct Plan {
 
 impl Plan {
     /// Chooses the cells by a pilot of few directions: 1,024 of those near matter or, where the reference at so many would
-    /// take longer than `budget`, fewer, but 64. A second sweep is paid
-    /// for first, if half of the budget pays for it. Takes the engine's timings.
+    /// take longer than `budget`, fewer, but 64. A second sweep is paid for first, if half of the budget pays for it. Takes the engine's
+    /// timings.
     ///
     /// # Errors
     /// As [`Engine::estimate`].

@@ -11,7 +11,7 @@ use super::Context;
 use super::fail::Failure;
 use super::fingerprint::{self, Files};
 use super::layers::Layers;
-use super::report::{Report, say};
+use super::report::{Report, many, say};
 use super::signals::Signals;
 use asked::Asked;
 use clap::ArgMatches;
@@ -238,14 +238,10 @@ impl Run<'_> {
             memory += &format!(", {fields} fields of {} in {}", bytes(store.largest), store.folder.display());
         }
         sayer.line(&match self.asked.estimate {
-            true => format!("estimate: {} for {}, {memory}", duration(all), many(needs.len())),
-            false => format!("estimate: {} more for {}, {memory}", duration(rest), many(left)),
+            true => format!("estimate: {} for {}, {memory}", duration(all), many(needs.len(), "frame")),
+            false => format!("estimate: {} more for {}, {memory}", duration(rest), many(left, "frame")),
         })
     }
-}
-
-fn many(frames: usize) -> String {
-    if frames == 1 { "1 frame".into() } else { format!("{frames} frames") }
 }
 
 /// Places that an estimate measures: the first two, which differ by what is paid once, one in the middle and the last.
