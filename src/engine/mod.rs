@@ -324,12 +324,11 @@ impl Engine {
         let what = format!("the volume of {}x{}x{} voxels ({voxel} bits each on the device)", dims[0], dims[1], dims[2]);
         let padding = self.padding();
         let (ranges, passing) = stages::occupancy::bytes(volume, |dims, texel| padding.image(dims, texel));
-        self.ask(&what, padding.image(dims, budget::voxel_bytes(volume)) + ranges + passing, |free| {
-            let side = ((free / u64::from(format.bytes())) as f64).cbrt() as u64;
-            format!(
-                "{} voxels ({side}x{side}x{side}) would fit; resample the volume or allow more memory",
-                free / u64::from(format.bytes())
-            )
+        let needed = padding.image(dims, budget::voxel_bytes(volume)) + ranges + passing;
+        self.ask(&what, needed, |free| {
+            // In proportion, with all that comes with a voxel.
+            let side = (volume.samples().len() as f64 * (free as f64 / needed as f64)).cbrt() as u64;
+            format!("about {side}x{side}x{side} voxels would fit; resample the volume or allow more memory")
         })?;
         let image = self.device.image3(&ImageDesc { name: "volume", dims, levels: 1, format, views: &[], storage: false })?;
         let (row, stored) = (dims[0] as usize * dims[1] as usize, SampleType::stored_as(volume));

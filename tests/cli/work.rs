@@ -165,6 +165,11 @@ fn too_little_memory_is_5_and_an_unknown_device_4() {
             && !f.0.join("x.png").exists(),
         "{stderr}"
     );
+    // What would fit is less than what did not.
+    let out = halflight(&f.0, &["render", "scene.toml", "-o", "x.png", "--memory", "10K"]);
+    let stderr = String::from_utf8(out.stderr).unwrap();
+    let side: u32 = stderr.split("about ").nth(1).and_then(|t| t.split('x').next()).and_then(|n| n.parse().ok()).expect(&stderr);
+    assert!((1..12).contains(&side) && side.pow(3) < 16 * 12 * 8, "{stderr}");
     fails(&f, &["render", "scene.toml", "-o", "x.png", "--device", "no such device"], 4, "no such device");
     // Before the command, too; what stands behind it holds.
     fails(&f, &["--device", "none such", "render", "scene.toml", "-o", "x.png"], 4, "none such");
