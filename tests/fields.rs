@@ -103,6 +103,34 @@ fn frames_are_the_same_bits_with_fields_from_a_folder() {
     }
 }
 
+/// Of some frames the fields are there, of others not: what is said beforehand tells them apart.
+#[test]
+fn an_estimate_knows_which_fields_are_there() {
+    let here = folder();
+    let there = THERE_AND_BACK.split("[[animation.keyframe]]\nframe = 7").next().expect("text");
+    std::fs::write(here.path().join("s.toml"), there.replace("frames = 7", "frames = 14").replace("frame = 4", "frame = 14"))
+        .expect("a scene");
+    let run = |more: &[&str]| {
+        let (code, out, err) = frames(here.path(), &[&["-o", "f.##.png"], more].concat());
+        assert_eq!(code, 0, "{err}");
+        let told = out.lines().find(|l| l.starts_with("estimate: ")).unwrap_or_default().to_owned();
+        (told, out)
+    };
+    run(&["--frames", "1-6", "--fields", "some"]);
+    // Six are found before the first is computed: only then it is known what one takes.
+    let (told, out) = run(&["--fields", "some"]);
+    assert!(told.contains(" more for 6 frames, ") && told.contains(", 6 fields of "), "{out}");
+    assert!(out.contains("fields     8 computed, 6 found"), "{out}");
+    let (told, out) = run(&["--fields", "some"]);
+    assert!(told.contains(" more for 10 frames, ") && !told.contains(" fields of "), "{out}");
+    // An estimate that computes none says that it cannot tell; where some are computed, it counts them with the rest.
+    run(&["--frames", "1,2,8,14", "--fields", "few"]);
+    let (told, out) = run(&["--estimate", "--fields", "few"]);
+    assert!(told.contains("none, 10 fields must be computed"), "{out}");
+    let (told, out) = run(&["--estimate", "--fields", "new"]);
+    assert!(told.contains(" for 14 frames, ") && told.contains(", 14 fields of "), "{out}");
+}
+
 #[test]
 fn what_is_in_the_folder_is_checked() {
     let here = there_and_back();

@@ -197,10 +197,10 @@ impl Run<'_> {
         let mut known = HashSet::new();
         for (n, scene) in list.iter_mut().zip(&scenes).filter(|(n, _)| n[session::VISIBILITY]) {
             if let Some(store) = self.session.store() {
-                // Where all were found so far, others have computed them.
-                let others = store.found > 0 && store.computed == 0;
                 n[session::FIELDS] = true;
-                n[session::VISIBILITY] = known.insert(forecast::field_of(scene)) && !others;
+                // Of a volume that is not read yet: where all were found so far, others have computed them.
+                let others = || self.session.others_have(scene).unwrap_or(store.found > 0 && store.computed == 0);
+                n[session::VISIBILITY] = known.insert(forecast::field_of(scene)) && !others();
             } else if self.asked.field.is_some() {
                 n[session::VISIBILITY] = false;
             }
@@ -218,24 +218,30 @@ impl Run<'_> {
         let kept = self.asked.skip && !(self.stale && self.tally.skipped == 0);
         let there = |p: usize| kept && self.asked.path(self.asked.frames[p]).is_file();
         let places: Vec<usize> = (0..self.scenes.len()).filter(|&p| p <= place || !there(p)).collect();
-        let needs = self.needs(&places);
-        let last = self.asked.estimate && self.forecast.frames() == sample(self.scenes.len()).len();
-        // Of a few frames, nothing would be left to say it of.
-        let enough = match needs.len() {
-            ..=8 => self.forecast.frames() >= MEASURED || self.forecast.knows(&needs),
-            _ => self.forecast.frames() >= MEASURED,
+        let measured = self.forecast.frames();
+        let last = self.asked.estimate && measured == sample(self.scenes.len()).len();
+        // Of a few frames, nothing would be left to say it of; of many, what they need is not asked again after each.
+        let enough = match places.len() {
+            ..=8 => measured >= MEASURED || self.forecast.knows(&self.needs(&places)),
+            _ => measured >= MEASURED && measured.is_power_of_two(),
         };
-        if !last && (self.asked.estimate || !enough || place + 1 == needs.len()) {
+        if !last && (self.asked.estimate || !enough || place + 1 == places.len()) {
             return Ok(());
         }
+        let needs = self.needs(&places);
         let (all, rest) = (self.forecast.seconds(&needs), self.forecast.seconds(&needs[place + 1..]));
-        let (Some(all), Some(rest)) = (all, rest) else { return Ok(()) };
+        let fields = needs[if self.asked.estimate { 0 } else { place + 1 }..].iter().filter(|n| n[session::VISIBILITY]).count();
+        let (Some(all), Some(rest)) = (all, rest) else {
+            // Only fields can be missing in what each frame pays for.
+            let said =
+                format!("estimate: none, {} must be computed and those of the frames measured were all found", many(fields, "field"));
+            return if last { sayer.line(&said) } else { Ok(()) };
+        };
         let left = needs.len() - place - 1;
         self.told = Some((rest, Instant::now(), self.tally.written + left));
         let mut memory = format!("{} of device memory", bytes(self.session.estimate));
-        let fields = needs[if self.asked.estimate { 0 } else { place + 1 }..].iter().filter(|n| n[session::VISIBILITY]).count();
         if let Some(store) = self.session.store().filter(|_| fields > 0) {
-            memory += &format!(", {fields} fields of {} in {}", bytes(store.largest), store.folder.display());
+            memory += &format!(", {} of {} in {}", many(fields, "field"), bytes(store.largest), store.folder.display());
         }
         sayer.line(&match self.asked.estimate {
             true => format!("estimate: {} for {}, {memory}", duration(all), many(needs.len(), "frame")),

@@ -2,7 +2,7 @@
 //! alone: whatever is kept is what would have been computed.
 
 use super::forecast::field_of;
-use super::store::{Of, Store};
+use super::store::{self, Of, Store};
 use crate::cli::fail::Failure;
 use crate::cli::field_file::Keys;
 use crate::cli::fingerprint;
@@ -205,18 +205,45 @@ impl<'a> Session<'a> {
         Ok(Keys { volume: hash, matter: fingerprint::matter(&matter, scene, &volume) })
     }
 
+    /// Whether the folder holds the scene's field of another process; `None` where only reading its volume would tell.
+    pub fn others_have(&self, scene: &Scene) -> Option<bool> {
+        let (store, engine) = (self.store.as_ref()?, self.engine.as_ref()?);
+        let read = self.read.as_ref().filter(|r| r.settings == scene.volume)?;
+        let matter = load::matter(scene, &read.volume).ok()?;
+        let keys = Keys { volume: read.hash.clone(), matter: fingerprint::matter(&matter, scene, &read.volume) };
+        Some(store.others(&store::name(engine, &keys, &self.settings(scene, &self.known_light(scene)?))))
+    }
+
+    /// The scene's settings of visibility, with no more bands than its light needs.
+    fn settings(&self, scene: &Scene, light: &Light) -> Visibility {
+        let mut settings = scene.visibility.clone();
+        if self.given.is_none() && !scene.origins.keys.contains_key("visibility.bands") {
+            settings.bands = halflight::plan::needed_bands(light, scene.surface.as_ref()).min(settings.bands);
+        }
+        settings
+    }
+
     fn light(&mut self, scene: &Scene, paid: &mut Paid) -> Result<Light, Failure> {
-        let kept = self.probe.take();
-        let raw = match (&scene.light.source, kept) {
-            (LightSource::Constant(rgb), _) => Light::constant(rgb.map(f64::from)),
-            (LightSource::Probe(path), Some(kept)) if kept.0 == *path => self.probe.insert(kept).2,
-            (LightSource::Probe(path), _) => {
+        match &scene.light.source {
+            LightSource::Constant(_) => self.probe = None,
+            LightSource::Probe(path) if self.probe.as_ref().is_some_and(|kept| kept.0 == *path) => {}
+            LightSource::Probe(path) => {
+                self.probe = None;
                 let probe = paid.time(READ, || load::probe(scene, path))?;
                 let light = Light::from_probe(&probe);
-                self.probe.insert((path.clone(), probe, light)).2
+                self.probe = Some((path.clone(), probe, light));
             }
+        }
+        self.known_light(scene).ok_or_else(lost)
+    }
+
+    /// The scene's light, unless its probe has not been read.
+    fn known_light(&self, scene: &Scene) -> Option<Light> {
+        let raw = match &scene.light.source {
+            LightSource::Constant(rgb) => Light::constant(rgb.map(f64::from)),
+            LightSource::Probe(path) => self.probe.as_ref().filter(|kept| kept.0 == *path)?.2,
         };
-        Ok(scene.light.prepare(&raw))
+        Some(scene.light.prepare(&raw))
     }
 
     /// The picture of a scene, over its background, and what lies behind it where that is wanted.
@@ -247,10 +274,7 @@ impl<'a> Session<'a> {
         }
         let classified = self.classified.as_ref().ok_or_else(lost)?;
         self.unseen = load::unseen(scene, &classified.matter, &volume);
-        let mut settings = scene.visibility.clone();
-        if self.given.is_none() && !scene.origins.keys.contains_key("visibility.bands") {
-            settings.bands = halflight::plan::needed_bands(&light, scene.surface.as_ref()).min(settings.bands);
-        }
+        let settings = self.settings(scene, &light);
         let kept =
             |c: &Computed| c.volume == volume_hash && c.matter == classified.hash && (c.settings == settings || self.given.is_some());
         if !self.computed.as_ref().is_some_and(kept) {

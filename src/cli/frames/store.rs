@@ -9,8 +9,9 @@ use fs4::{FileExt, TryLockError};
 use halflight::engine::{Engine, Field};
 use halflight::error::{Error, bytes};
 use halflight::io;
-use halflight::scene::{Scene, Volume};
+use halflight::scene::{Scene, Visibility, Volume};
 use serde_json::{Value, json};
+use std::collections::HashSet;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -25,6 +26,8 @@ const TRIES: u32 = 16;
 pub struct Store {
     pub folder: PathBuf,
     pub computed: usize,
+    /// Names of what was computed here.
+    own: HashSet<String>,
     pub found: usize,
     /// Files that were there and were not what their name says.
     pub bad: usize,
@@ -47,20 +50,28 @@ pub struct Of<'a> {
     pub keys: Keys,
 }
 
-impl Of<'_> {
-    /// The field's name. Of the device and the build, too: others round otherwise, and a frame has the same bits whoever computed its field.
-    fn name(&self) -> String {
-        let (device, settings) = (self.engine.device(), settled(&self.scene.visibility));
-        let of = (&self.keys.volume, &self.keys.matter, settings, &device.name, &device.driver);
-        fingerprint::field(&format!("{of:?}"))
-    }
+/// A field's name. Of the device and the build, too: others round otherwise, and a frame has the same bits whoever computed its field.
+pub fn name(engine: &Engine, keys: &Keys, settings: &Visibility) -> String {
+    let (device, settings) = (engine.device(), settled(settings));
+    let of = (&keys.volume, &keys.matter, settings, &device.name, &device.driver);
+    fingerprint::field(&format!("{of:?}"))
 }
 
 impl Store {
     /// The folder, made where it is missing.
     pub fn open(folder: &Path) -> Result<Self, Failure> {
         let made = Folder::make(folder)?;
-        Ok(Self { folder: folder.to_owned(), computed: 0, found: 0, bad: 0, broken: false, largest: 0, waited: 0.0, _made: made })
+        Ok(Self {
+            folder: folder.to_owned(),
+            computed: 0,
+            own: HashSet::new(),
+            found: 0,
+            bad: 0,
+            broken: false,
+            largest: 0,
+            waited: 0.0,
+            _made: made,
+        })
     }
 
     /// The field from its file, or else computed and kept there. Of several processes that want one field, one computes it.
@@ -71,7 +82,7 @@ impl Store {
         paid: &mut Paid,
         compute: impl FnOnce() -> Result<Field, Failure>,
     ) -> Result<Field, Failure> {
-        let name = of.name();
+        let name = name(of.engine, &of.keys, &of.scene.visibility);
         let path = self.folder.join(format!("{name}.nrrd"));
         let bad = self.bad;
         if let Some(field) = paid.time(FIELDS, || self.read(&path, &name, of))? {
@@ -95,14 +106,20 @@ impl Store {
         let meta = vec![
             ("scene".into(), io::scene_text(&of.scene)),
             ("device".into(), format!("{}; {}", device.name, device.driver)),
-            ("field_key".into(), name),
+            ("field_key".into(), name.clone()),
         ];
         let write = || field_file::write(of.engine, &path, &field, of.volume.grid(), &of.keys, meta);
         paid.time(FIELDS, write).inspect_err(|_| self.broken = true)?;
         self.largest = self.largest.max(path.metadata().map_or(0, |m| m.len()));
         self.computed += 1;
+        self.own.insert(name);
         drop(held);
         Ok(field)
+    }
+
+    /// Whether another process has put a field of this name here.
+    pub fn others(&self, name: &str) -> bool {
+        !self.own.contains(name) && self.folder.join(format!("{name}.nrrd")).is_file()
     }
 
     /// The field of a file; `None` where there is none, or one of something else.
