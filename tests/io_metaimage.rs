@@ -97,6 +97,12 @@ fn channels_series_and_several_files() {
     says(read(&path), &["a series of 2 volumes"]);
     assert!(holds(&pick(&path, "1").unwrap(), SampleType::I16));
     assert_eq!(describe(&pick(&path, "0").unwrap()).spacing, [1.0, 1.0, 2.0]);
+    let apart = String::from_utf8_lossy(four).replace("ElementDataFile = LOCAL", "HeaderSize = -1\nElementDataFile = s.raw");
+    dir.file("s.raw", &[b"head", &b, &a]);
+    let tail = dir.file("t.mhd", &[apart.as_bytes()]);
+    assert!(
+        holds(&pick(&tail, "1").unwrap(), SampleType::I16) && pick(&tail, "0").unwrap().samples() == pick(&path, "0").unwrap().samples()
+    );
     for (i, slab) in a.chunks(a.len() / 3).enumerate() {
         dir.file(&format!("s{:02}.raw", i + 1), &[slab]);
     }

@@ -152,11 +152,56 @@ fn images_and_axes_of_size_one() {
         open(
             "dimension: 4\nsizes: 5 1 2 2\nkinds: domain domain domain domain\nspace dimension: 4\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,1)",
         ),
-        &["4 dimensions"],
+        &["axis 3 has 2 samples and is along the fourth dimension of its space"],
     );
+    // Unless space leans into it.
+    says(
+        open("dimension: 3\nsizes: 5 2 2\nspace dimension: 4\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,1)"),
+        &["4 dimensions", "a fourth of time"],
+    );
+    // One slice several times, or in colours: its own thickness and place.
+    let pick = |fields: &str| {
+        let head = format!("NRRD0005\ntype: uint8\nencoding: raw\n{fields}\n\n");
+        let path = dir.file("b.nrrd", &[head.as_bytes(), &data]);
+        read_volume(&path, &ReadOptions { component: Some("1".into()), ..Default::default() }).unwrap()
+    };
+    let times = pick(
+        "dimension: 4\nsizes: 5 2 1 2\nkinds: domain domain domain list\nspace dimension: 3\nspace directions: (0.7,0,0) (0,0.6,0) (0,0,8) none\nspace origin: (1,2,3)",
+    );
+    assert_eq!((times.grid().dims(), times.grid().spacing(), times.value(0)), ([5, 2, 1], [0.7, 0.6, 8.0], 10.0));
+    let colours = pick(
+        "dimension: 4\nsizes: 2 5 2 1\nkinds: vector domain domain domain\nspace dimension: 3\nspace directions: none (0.7,0,0) (0,0.6,0) (0,0,8)",
+    );
+    assert_eq!((colours.grid().dims(), colours.grid().spacing(), colours.value(1)), ([5, 2, 1], [0.7, 0.6, 8.0], 3.0));
+    // As ITK writes times: a fourth dimension of space.
+    let itk = pick(
+        "dimension: 4\nsizes: 5 2 1 2\nkinds: domain domain domain domain\nspace dimension: 4\nspace directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,0.5)\nspace origin: (0,0,0,7)",
+    );
+    assert_eq!((itk.grid().dims(), itk.grid().spacing(), itk.value(0)), ([5, 2, 1], [1.0, 2.0, 3.0], 10.0));
     says(open("dimension: 4\nsizes: 5 2 1 2\nspacings: 1 1 1"), &["'spacings: 1 1 1'", "4 entries", "3 stand there"]);
     says(open("dimension: 1\nsizes: 20"), &["one axis only"]);
     says(open("dimension: 5\nsizes: 5 2 2 2 2"), &["5 axes (5x2x2x2x2)", "axis 4 alone has 2"]);
+}
+
+/// The world is right-handed: the same patient in two spaces lies at the same place.
+#[test]
+fn a_left_handed_space_is_not_mirrored() {
+    let dir = Folder::new();
+    let place = |space: &str, sign: f64| {
+        let head = format!(
+            "NRRD0005\ntype: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\nspace: {space}\nspace directions: ({},0.1,0) (0,2,0) ({},0,3)\nspace origin: ({},20,30)\n\n",
+            0.5 * sign,
+            0.2 * sign,
+            10.0 * sign
+        );
+        read(&dir.file("a.nrrd", &[head.as_bytes(), &bytes(SampleType::U8, false)])).unwrap().grid().voxel_to_world()
+    };
+    let right = place("right-anterior-superior", 1.0);
+    assert!(right.matrix3.determinant() > 0.0);
+    for space in ["left-anterior-superior", "LAS", "3D-left-handed"] {
+        assert_eq!(place(space, -1.0), right, "{space}");
+    }
+    assert_ne!(place("RAS", -1.0), right);
 }
 
 #[test]

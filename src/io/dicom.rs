@@ -12,6 +12,7 @@ use super::limits::{bad, fill, io, open, quote};
 use crate::error::Result;
 use crate::scene::Volume;
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// One frame, and where it lies.
@@ -63,24 +64,32 @@ pub(super) fn files_among(files: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// Reads the series of a folder.
 pub(super) fn read_files(folder: &Path, files: Vec<PathBuf>, options: &ReadOptions) -> Result<Volume> {
     let mut slices = Vec::new();
+    // Of another series than the one that is wanted, what cannot be read does not matter.
+    let mut unread = BTreeMap::new();
     for path in &files {
         let elements = element::read(path)?;
         match elements.pixels {
             None => log::warn!("{}: it holds no image; it is left out", crate::error::shown(path)),
-            Some(_) => slices.extend(slices_of(path, elements)?),
+            Some(_) => {
+                let series = elements.fields.get(&element::SERIES_UID).cloned().unwrap_or_default();
+                match slices_of(path, elements) {
+                    Ok(some) => slices.extend(some),
+                    Err(e) => drop(unread.entry(series).or_insert(e)),
+                }
+            }
         }
         if slices.len() > element::MAX_FRAMES {
             return Err(bad(folder, format!("it holds more than {} slices", element::MAX_FRAMES), "a folder with one series is needed"));
         }
     }
-    if slices.is_empty() {
+    if slices.is_empty() && unread.is_empty() {
         return Err(bad(
             folder,
             format!("none of its {} DICOM files holds an image", files.len()),
             "the folder of an image series is needed",
         ));
     }
-    dicom_series::read(folder, slices, options)
+    dicom_series::read(folder, slices, unread, options)
 }
 
 /// Reads one file: its only frame, or all of them.
@@ -93,7 +102,7 @@ pub(super) fn read_file(path: &Path, options: &ReadOptions) -> Result<Volume> {
     if slices.len() == 1 {
         log::info!("{}: one slice; the folder of a series gives the whole volume", crate::error::shown(path));
     }
-    dicom_series::read(path, slices, options)
+    dicom_series::read(path, slices, BTreeMap::new(), options)
 }
 
 /// Numbers of a text such as "1\2.5\3".
@@ -128,6 +137,10 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
             .filter(|n| (1..=element::MAX_FRAMES).contains(n))
             .ok_or_else(|| bad(path, format!("it has '{}' frames", quote(t)), format!("1 to {} are read", element::MAX_FRAMES)))?,
     };
+    if count == 1 && fields.get(&element::IMAGE_TYPE).is_some_and(|t| t.split('\\').any(|word| word.trim() == "MOSAIC")) {
+        let what = "its one picture is a mosaic, the slices of a volume as tiles";
+        return Err(bad(path, what, "dcm2niix makes a NIfTI volume of it"));
+    }
     let each = form.bytes();
     let places: Vec<(u64, u64)> = match pixels {
         Pixels::Native { at, length, .. } => {
@@ -186,20 +199,31 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
         // Its sign is the direction of stacking (PS3.3, C.8.4.15).
         let between = number("SpacingBetweenSlices", element::BETWEEN)?.filter(|s| *s != 0.0);
         let between = between.or(number("SliceThickness", element::THICKNESS)?.map(f64::abs).filter(|s| *s > 0.0));
-        // Frames that have one position for all of them lie along the normal from there.
+        // Frames of a file with one position lie along the normal from there; one that is said to be shared is each one's own.
         let position = match axes {
-            _ if count == 1 || frame.contains_key(&element::POSITION) => position,
+            _ if count == 1 || [frame, &shared].iter().any(|f| f.contains_key(&element::POSITION)) => position,
             None => None,
             Some([x, y]) => {
                 let along = offsets.as_ref().map(|o| o[i]).or(between.map(|d| d * i as f64));
                 position.zip(along).map(|(p, z)| p + x.cross(y).normalize_or_zero() * z)
             }
         };
-        let slope = number("RescaleSlope", element::SLOPE)?.or(number("DoseGridScaling", element::DOSE_SCALING)?);
-        let slope = slope.map_or(1.0, |v| v as f32);
+        let named =
+            if get(element::SLOPE).is_some() { ("RescaleSlope", element::SLOPE) } else { ("DoseGridScaling", element::DOSE_SCALING) };
+        let slope = match number(named.0, named.1)? {
+            // As GDCM has it.
+            Some(0.0) => {
+                log::warn!("{}: its {} is 0; 1 is taken", crate::error::shown(path), named.0);
+                1.0
+            }
+            slope => slope.map_or(1.0, |v| v as f32),
+        };
+        if slope == 0.0 || !slope.is_finite() {
+            return Err(wrong(named.0, named.1, "it must lie within the range of float32"));
+        }
         let intercept = number("RescaleIntercept", element::INTERCEPT)?.map_or(0.0, |v| v as f32);
-        if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {
-            return Err(wrong("RescaleSlope", element::SLOPE, "it must be a number other than 0"));
+        if !intercept.is_finite() {
+            return Err(wrong("RescaleIntercept", element::INTERCEPT, "it must lie within the range of float32"));
         }
         Ok(Slice {
             path: path.to_owned(),

@@ -6,8 +6,8 @@ use super::samples::SampleType;
 use crate::error::Result;
 use std::path::Path;
 
-/// How the samples of an image are stored: all slices of a volume share it.
-#[derive(Clone, Debug, PartialEq)]
+/// How the samples of an image are stored.
+#[derive(Clone, Debug)]
 pub(super) struct Form {
     pub rows: usize,
     pub columns: usize,
@@ -26,9 +26,17 @@ pub(super) struct Form {
     pub swapped: bool,
     rle: bool,
     pub photometric: String,
+    /// Stored samples that are no image, the least and the greatest.
+    pub padding: Option<[i64; 2]>,
 }
 
 impl Form {
+    /// Whether images of both decode to samples of one kind: they may use other bits of them.
+    pub fn fits(&self, other: &Self) -> bool {
+        (self.rows, self.columns, self.channels, self.kind()) == (other.rows, other.columns, other.channels, other.kind())
+            && self.photometric == other.photometric
+    }
+
     /// "512x512, 16 bits signed, MONOCHROME2".
     pub fn says(&self) -> String {
         let sign = if self.float {
@@ -105,7 +113,16 @@ pub(super) fn form(path: &Path, fields: &Fields, float_bits: u32, big_endian: bo
     let planar = channels > 1 && (rle || optional(element::PLANAR, "PlanarConfiguration")? == Some(1));
     let signed = optional(element::SIGNED, "PixelRepresentation")? == Some(1);
     let swapped = big_endian && bits == 8 && matches!(pixels, Pixels::Native { words: true, .. });
-    Ok(Form { rows, columns, channels, planar, bits, stored, high, signed, float, big_endian, swapped, rle, photometric })
+    // Of one sample a pixel, an integer with the sign of the others (PS3.3, C.7.5.1.1.2).
+    let padding = |tag| {
+        let stored: u16 = fields.get(&tag)?.parse().ok()?;
+        Some(if signed { i64::from(stored as i16) } else { i64::from(stored) })
+    };
+    let padding = padding(element::PADDING).filter(|_| channels == 1 && !float).map(|value| {
+        let limit = padding(element::PADDING_LIMIT).unwrap_or(value);
+        [value.min(limit), value.max(limit)]
+    });
+    Ok(Form { rows, columns, channels, planar, bits, stored, high, signed, float, big_endian, swapped, rle, photometric, padding })
 }
 
 /// What a transfer syntax is called, and what rewrites it.

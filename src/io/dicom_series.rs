@@ -8,14 +8,15 @@ use super::nifti::{as_stored, rescaled};
 use super::parts::parts;
 use super::samples::{self, Layout, SampleType};
 use crate::error::{Error, Result, shown};
-use crate::scene::Volume;
+use crate::scene::{Samples, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Reads the volume that some slices make up; `path` is the folder or file that they come from.
-pub(super) fn read(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Result<Volume> {
-    let mut slices = series(path, slices, options)?;
+/// Of some series a file cannot be read: `unread` says why.
+pub(super) fn read(path: &Path, slices: Vec<Slice>, unread: BTreeMap<String, Error>, options: &ReadOptions) -> Result<Volume> {
+    let mut slices = series(path, slices, unread, options)?;
     let Some(first) = slices.first().cloned() else { return Err(bad(path, "it holds no image", "an image series is needed")) };
     for slice in &slices {
         let same_axes = match (slice.axes, first.axes) {
@@ -26,7 +27,7 @@ pub(super) fn read(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Re
             (Some(a), Some(b)) => (0..2).all(|i| (a[i] - b[i]).abs() < 1e-3 * b[i]),
             (a, b) => a.is_some() == b.is_some(),
         };
-        if slice.form != first.form || !same_axes || !same_spacing {
+        if !slice.form.fits(&first.form) || !same_axes || !same_spacing {
             let what = format!(
                 "it is {}, {}, and {} is {}, {}",
                 slice.form.says(),
@@ -71,6 +72,7 @@ pub(super) fn read(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Re
     let layout = Layout { components: form.channels, pick: Some(pick), replace, ..Layout::scalar(dims, kind) };
     let each = layout.stored_bytes().unwrap_or(u64::MAX) / slices.len() as u64;
     let stored = form.kind();
+    let padding: Vec<_> = slices.iter().map(|s| s.form.padding).collect();
     let source = parts(slices.len(), each, move |i, bytes| {
         if uniform {
             return slices[i].load(bytes);
@@ -82,8 +84,48 @@ pub(super) fn read(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Re
         bytes.extend(raw.chunks_exact(width).flat_map(|c| (slope * value(c, stored) + intercept).to_le_bytes()));
         Ok(())
     });
-    let samples = samples::read(path, source, &layout, options)?;
+    let mut samples = samples::read(path, source, &layout, options)?;
+    if uniform {
+        unpad(path, &mut samples, &padding);
+    }
     if uniform { rescaled(path, grid, samples, slope, intercept) } else { Volume::new(grid, samples, 1.0, 0.0) }
+}
+
+/// Padding around the image (the corners of a round field of view) counts as the image's smallest sample. Where it lies between the
+/// image's samples it stays: some write a value that is none of their padding.
+fn unpad(path: &Path, samples: &mut Samples, padding: &[Option<[i64; 2]>]) {
+    fn of<T: Copy + Into<i64>>(samples: &mut [T], padding: &[Option<[i64; 2]>]) -> Option<(u64, [i64; 2], i64)> {
+        let each = samples.len() / padding.len().max(1);
+        let odd = |i: usize, v: i64| padding[i / each].is_some_and(|[lo, hi]| (lo..=hi).contains(&v));
+        let image = samples.iter().enumerate().filter(|(i, v)| !odd(*i, (**v).into()));
+        let [least, most] = [image.clone().min_by_key(|(_, v)| (**v).into()), image.max_by_key(|(_, v)| (**v).into())];
+        let (least, most) = (*least?.1, (*most?.1).into());
+        let (low, mut count, mut first) = (least.into(), 0, None);
+        for (i, v) in samples.iter_mut().enumerate() {
+            let value = (*v).into();
+            if odd(i, value) && !(low..=most).contains(&value) {
+                (*v, count) = (least, count + 1);
+                first = first.or(padding[i / each]);
+            }
+        }
+        Some((count, first?, low))
+    }
+    if padding.iter().all(Option::is_none) {
+        return;
+    }
+    let done = match samples {
+        Samples::U8(s) => of(s, padding),
+        Samples::U16(s) => of(s, padding),
+        Samples::I16(s) => of(s, padding),
+        Samples::F32(_) => None,
+    };
+    if let Some((count, [lo, hi], least)) = done {
+        let value = if lo == hi { lo.to_string() } else { format!("{lo} to {hi}") };
+        log::warn!(
+            "{}: {count} samples are padding (PixelPaddingValue, {value} as stored), no image; its smallest sample, {least}, stands for them",
+            shown(path)
+        );
+    }
 }
 
 /// A little-endian sample as a number.
@@ -101,24 +143,27 @@ fn value(bytes: &[u8], kind: SampleType) -> f32 {
     }
 }
 
-/// "rows along [1, 0, 0]".
+/// "0.5x0.75 mm, rows along [1, 0, 0]".
 fn frame(slice: &Slice) -> String {
+    let spacing = slice.spacing.map_or_else(|| "of unknown spacing".into(), |[x, y]| format!("{x}x{y} mm"));
     match slice.axes {
-        Some([x, y]) => format!("rows along {x:.3}, columns along {y:.3}"),
-        None => "of unknown orientation".into(),
+        Some([x, y]) => format!("{spacing}, rows along {x:.3}, columns along {y:.3}"),
+        None => format!("{spacing}, of unknown orientation"),
     }
 }
 
 /// The slices of the wanted series.
-fn series(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Result<Vec<Slice>> {
-    let mut all: BTreeMap<String, Vec<Slice>> = BTreeMap::new();
+fn series(path: &Path, slices: Vec<Slice>, mut unread: BTreeMap<String, Error>, options: &ReadOptions) -> Result<Vec<Slice>> {
+    let mut all: BTreeMap<String, Vec<Slice>> = unread.keys().map(|uid| (uid.clone(), Vec::new())).collect();
     for slice in slices {
         all.entry(slice.series.clone()).or_default().push(slice);
     }
     let list = || {
         let some = all.iter().take(8).map(|(uid, s)| {
-            let description = if s[0].description.is_empty() { "no description" } else { &s[0].description };
-            format!("{} ({}, {} slices)", quote(uid), quote(description), s.len())
+            let description = s.first().map_or("", |s| s.description.as_str());
+            let description = if description.is_empty() { "no description" } else { description };
+            let odd = if unread.contains_key(uid) { ", not readable" } else { "" };
+            format!("{} ({}, {} slices{odd})", quote(uid), quote(description), s.len())
         });
         let more = if all.len() > 8 { ", …" } else { "" };
         some.collect::<Vec<_>>().join(", ") + more
@@ -136,6 +181,7 @@ fn series(path: &Path, slices: Vec<Slice>, options: &ReadOptions) -> Result<Vec<
         }
         None => all.keys().next().cloned().unwrap_or_default(),
     };
+    unread.remove(&chosen).map_or(Ok(()), Err)?;
     Ok(all.remove(&chosen).unwrap_or_default())
 }
 
@@ -170,23 +216,32 @@ fn arrange(path: &Path, slices: &mut [Slice]) -> Result<DMat3> {
     sorted.sort_by(f64::total_cmp);
     let median = sorted[sorted.len() / 2];
     if let Some(i) = gaps.iter().position(|g| *g < 1e-3 * median || *g <= 1e-6) {
-        let what = format!("{} and {} lie at the same place", shown(&slices[i].path), shown(&slices[i + 1].path));
-        return Err(bad(path, what, "a series of several times, echoes or phases is no volume: keep one of them in the folder"));
+        let (one, other) = (&slices[i].path, &slices[i + 1].path);
+        return Err(match one == other {
+            true => bad(
+                path,
+                format!("frames of {} lie at the same place", shown(one)),
+                "several times, echoes or phases are no volume: dcm2niix parts them",
+            ),
+            false => bad(
+                path,
+                format!("{} and {} lie at the same place", shown(one), shown(other)),
+                "a series of several times, echoes or phases is no volume: keep one of them in the folder",
+            ),
+        });
     }
     let span = slices[count - 1].position.unwrap_or_default() - slices[0].position.unwrap_or_default();
     let far = |g: &f64| (g - median).abs() > 0.02 * median;
     let Some(i) = gaps.iter().position(far) else { return Ok(in_plane(span / (count - 1) as f64)) };
     let missing: f64 = gaps.iter().map(|g| (g / median).round() - 1.0).filter(|n| *n >= 1.0).sum();
+    // The mean, not the median: positions are often rounded.
+    let parts = (count - 1) as f64 + missing;
+    let step = (place(&slices[count - 1]) - place(&slices[0])) / parts;
     let between = format!("{} and {}", shown(&slices[i].path), shown(&slices[i + 1].path));
     if missing >= 1.0 {
-        log::warn!("{}: {missing} slices seem to be missing, the first between {between}; the others are put {median} apart", shown(path));
+        log::warn!("{}: {missing} slices seem to be missing, the first between {between}; the others are put {step} apart", shown(path));
     } else {
-        log::warn!("{}: its slices are unevenly spaced, {} mm between {between}; all are put {median} apart", shown(path), gaps[i]);
+        log::warn!("{}: its slices are unevenly spaced, {} mm between {between}; all are put {step} apart", shown(path), gaps[i]);
     }
-    Ok(in_plane(span * (median / place_span(span, normal))))
-}
-
-/// Length of the stack along its normal; never 0.
-fn place_span(span: DVec3, normal: DVec3) -> f64 {
-    span.dot(normal).max(1e-12)
+    Ok(in_plane(span / parts))
 }

@@ -4,6 +4,7 @@
 pub(super) type Tag = u32;
 
 pub(super) const SYNTAX: Tag = 0x0002_0010;
+pub(super) const IMAGE_TYPE: Tag = 0x0008_0008;
 pub(super) const SERIES_DESCRIPTION: Tag = 0x0008_103e;
 pub(super) const THICKNESS: Tag = 0x0018_0050;
 pub(super) const BETWEEN: Tag = 0x0018_0088;
@@ -23,6 +24,9 @@ pub(super) const ALLOCATED: Tag = 0x0028_0100;
 pub(super) const STORED: Tag = 0x0028_0101;
 pub(super) const HIGH_BIT: Tag = 0x0028_0102;
 pub(super) const SIGNED: Tag = 0x0028_0103;
+/// What stands where there is no image: one value, or with a limit all between the two.
+pub(super) const PADDING: Tag = 0x0028_0120;
+pub(super) const PADDING_LIMIT: Tag = 0x0028_0121;
 pub(super) const INTERCEPT: Tag = 0x0028_1052;
 pub(super) const SLOPE: Tag = 0x0028_1053;
 /// A table from stored samples to the data's unit.
@@ -32,7 +36,8 @@ pub(super) const FRAME_OFFSETS: Tag = 0x3004_000c;
 pub(super) const DOSE_SCALING: Tag = 0x3004_000e;
 
 /// Elements that are kept, and whether they are binary 16-bit numbers; the others are text.
-pub(super) const WANTED: [(Tag, bool); 23] = [
+pub(super) const WANTED: [(Tag, bool); 26] = [
+    (IMAGE_TYPE, false),
     (SERIES_DESCRIPTION, false),
     (THICKNESS, false),
     (BETWEEN, false),
@@ -52,6 +57,8 @@ pub(super) const WANTED: [(Tag, bool); 23] = [
     (STORED, true),
     (HIGH_BIT, true),
     (SIGNED, true),
+    (PADDING, true),
+    (PADDING_LIMIT, true),
     (INTERCEPT, false),
     (SLOPE, false),
     (FRAME_OFFSETS, false),

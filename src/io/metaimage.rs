@@ -56,7 +56,8 @@ pub(super) fn read(path: &Path, mut file: BufReader<File>, length: u64, options:
     let replace = as_stored(path, options.nan_as, slope, intercept)?;
     let mut layout = Layout { big_endian, text, replace, ..Layout::scalar(dims, kind) };
     let before = components(&header, &sizes, &mut layout, options)?;
-    let (data, mut source) = samples_of(&mut header, file, length, &layout, options)?;
+    let volumes = sizes.get(3).copied().unwrap_or(1) as u64;
+    let (data, mut source) = samples_of(&mut header, file, length, &layout, volumes, options)?;
     source.skip(&data, before)?;
     let samples = samples::read(&data, source, &layout, options)?;
     rescaled(&data, grid, samples, slope, intercept)
@@ -147,6 +148,7 @@ fn samples_of(
     mut file: BufReader<File>,
     length: u64,
     layout: &Layout,
+    volumes: u64,
     options: &ReadOptions,
 ) -> Result<(PathBuf, Source)> {
     let path = header.path;
@@ -176,7 +178,7 @@ fn samples_of(
     let start = match skip {
         // The samples are the last bytes of the file.
         -1 if !compressed && !layout.text => {
-            let needs = layout.stored_bytes().unwrap_or(u64::MAX);
+            let needs = layout.stored_bytes().and_then(|n| n.checked_mul(volumes)).unwrap_or(u64::MAX);
             length.checked_sub(needs).filter(|s| *s >= at).ok_or_else(|| {
                 let what = format!("{} need {needs} bytes, the file holds {} there", layout.what(), length.saturating_sub(at));
                 bad(&data, what, "the file is cut short or its header is wrong")

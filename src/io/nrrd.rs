@@ -1,6 +1,6 @@
 //! NRRD volumes, attached and detached. Format: <https://teem.sourceforge.net/nrrd/format.html>.
 //!
-//! World coordinates are those of the file's `space` (LPS, RAS, …), unchanged. `space origin` is the centre of the first
+//! World coordinates are those of the file's `space` (LPS, RAS, …), unchanged; of a left-handed one (LAS) x is negated. `space origin` is the centre of the first
 //! sample, whatever the axes' centering. Without an origin the volume's box begins at the world origin.
 
 use super::ReadOptions;
@@ -52,6 +52,9 @@ fn not_spatial(header: &Header, axis: usize) -> Option<String> {
         return Some(format!("of kind '{}'", quote(kind)));
     }
     let directions = header.directions.as_ref()?;
+    if let Some([0.0, 0.0, 0.0, _]) = directions[axis].as_deref() {
+        return Some("along the fourth dimension of its space".into());
+    }
     (directions[axis].is_none() && directions.iter().any(Option::is_some)).then(|| "without a direction in space".into())
 }
 
@@ -66,7 +69,8 @@ fn spatial_axes(path: &Path, header: &Header, options: &ReadOptions) -> Result<A
         axes.iter().rposition(|&a| header.sizes[a] == 1 && which(a)).map(|i| axes.remove(i)).is_some()
     };
     while axes.len() > 2 && drop(&mut axes, &|a| not_spatial(header, a).is_some()) {}
-    while axes.len() > 3 && drop(&mut axes, &|_| true) {}
+    let in_space = |axes: &[usize]| axes.iter().filter(|&&a| not_spatial(header, a).is_none()).count();
+    while in_space(&axes) > 3 && drop(&mut axes, &|_| true) {}
     let scalar = "a scalar volume has three axes in space, and beside them only axes of size 1";
     let odd = axes.iter().find_map(|&a| Some((a, not_spatial(header, a)?)));
     let asked = options.component.is_some();
@@ -118,10 +122,21 @@ pub(super) fn dims(path: &Path, header: &Header, axes: [Option<usize>; 3]) -> Re
 pub(super) fn place(path: &Path, header: &Header, axes: [Option<usize>; 3], dims: [usize; 3]) -> Result<Grid> {
     let directions = header.directions.as_ref();
     let space = directions.and_then(|d| d.iter().flatten().next()).or(header.origin.as_ref()).map_or(3, Vec::len);
-    if !(2..=3).contains(&space) || header.origin.as_ref().is_some_and(|o| o.len() != space) {
-        return Err(bad(path, format!("its space has {space} dimensions, or its origin not as many"), "2 or 3 are read"));
+    // A fourth, of time, may be there as long as the volume does not lean into it.
+    let leans = axes.iter().flatten().any(|&a| directions.and_then(|d| d[a].as_ref()).is_some_and(|v| v.len() == 4 && v[3] != 0.0));
+    if !(2..=4).contains(&space) || leans || header.origin.as_ref().is_some_and(|o| o.len() != space) {
+        return Err(bad(
+            path,
+            format!("its space has {space} dimensions, or its origin not as many"),
+            "2 or 3 are read, and a fourth of time",
+        ));
     }
-    let vector = |v: &[f64]| DVec3::new(v[0], v[1], v.get(2).copied().unwrap_or(0.0));
+    // The world is right-handed.
+    let mirror = if header.left_handed && directions.is_some() { -1.0 } else { 1.0 };
+    if mirror < 0.0 {
+        log::warn!("{}: its space is left-handed; x is negated, so that what it shows is not mirrored", crate::error::shown(path));
+    }
+    let vector = |v: &[f64]| DVec3::new(mirror * v[0], v[1], v.get(2).copied().unwrap_or(0.0));
     let column = |i: usize| {
         let a = axes[i]?;
         if let Some(v) = directions.and_then(|d| d[a].as_ref()) {

@@ -35,6 +35,8 @@ pub(crate) struct Header {
     pub directions: Option<Vec<Option<Vec<f64>>>>,
     /// Centre of the first sample, in space.
     pub origin: Option<Vec<f64>>,
+    /// Of its space.
+    pub left_handed: bool,
     pub encoding: Encoding,
     pub big_endian: bool,
     pub data_file: Option<String>,
@@ -211,6 +213,11 @@ impl Lines<'_> {
                 _ => return Err(self.wrong("space origin", "it must be one vector (x,y,z)")),
             },
         };
+        let space = self.text("space").unwrap_or_default().to_ascii_lowercase();
+        // teem's nrrdSpace enumeration, with and without time.
+        let left_handed = ["left-anterior-superior", "las", "3d-left-handed"]
+            .iter()
+            .any(|s| space.strip_prefix(s).is_some_and(|rest| matches!(rest, "" | "-time" | "t")));
         if let Some(space) = self.text("space") {
             log::debug!("{}: coordinates are in the file's space '{}'", crate::error::shown(self.path), quote(space));
         }
@@ -252,6 +259,7 @@ impl Lines<'_> {
             spacings,
             directions,
             origin,
+            left_handed,
             encoding,
             big_endian,
             data_file,
