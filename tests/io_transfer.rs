@@ -49,6 +49,8 @@ fn scalars_are_placed_as_paraview_does() {
     assert_eq!(end(GREY, &data), (-5.0, 7.0, -5.0, 7.0), "0..1 spans the data");
     let absolute = GREY.replace("1,1,1,1]", "1200,1,1,1]");
     assert_eq!(end(&absolute, &data), (0.0, 1200.0, 0.0, 1200.0), "other scalars are absolute");
+    let signed = GREY.replace("[0,", "[-1,");
+    assert!(signed != GREY && end(&signed, &data) == (-5.0, 7.0, -5.0, 7.0), "-1..1 is what most of ParaView's own span");
     let ranged = TransferOptions { range: Some([10.0, 20.0]), ..data.clone() };
     assert_eq!(end(GREY, &ranged), (10.0, 20.0, 10.0, 20.0));
     assert_eq!(end(&absolute, &ranged), (10.0, 20.0, 10.0, 20.0), "a range overrides");

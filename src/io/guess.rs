@@ -24,7 +24,7 @@ pub fn guess_transfer(info: &VolumeInfo) -> Vec<[f64; 5]> {
     let half = 0.5 * (hard - ground) as f64;
     const SOFT: [f64; 3] = [0.80, 0.45, 0.28];
     const HARD: [f64; 3] = [0.90, 0.86, 0.78];
-    let point = |scalar: f64, c: [f64; 3], opacity: f64| [scalar, c[0], c[1], c[2], opacity].map(short);
+    let point = |scalar: f64, [r, g, b]: [f64; 3], opacity: f64| [near(scalar, [lo, hi]), r, g, b, short(opacity)];
     vec![
         point(at(ground as f64), SOFT, 0.0),
         point(at(ground as f64 + half.min(2.0)), SOFT, 0.5 * soft),
@@ -32,6 +32,18 @@ pub fn guess_transfer(info: &VolumeInfo) -> Vec<[f64; 5]> {
         point(at(hard as f64 + 0.5 * half.min(2.0)), HARD, 0.5 * dense),
         point(hi, HARD, dense),
     ]
+}
+
+/// To a thousandth of the range at least, within it: a large value may stand for a narrow range.
+fn near(v: f64, [lo, hi]: [f64; 2]) -> f64 {
+    let digits = 3 - (hi - lo).log10().floor() as i32;
+    // Either power is exact enough where it is whole.
+    let rounded = if digits >= 0 {
+        (v * 10f64.powi(digits)).round() / 10f64.powi(digits)
+    } else {
+        (v / 10f64.powi(-digits)).round() * 10f64.powi(-digits)
+    };
+    rounded.clamp(lo, hi)
 }
 
 /// Four significant digits.
@@ -99,6 +111,17 @@ mod tests {
         assert!((25.0..48.0).contains(&bin(points[2])), "{points:?}");
         assert!(points[4][0] == 2200.0 && points[4][4] > 3.0 * points[2][4]);
         assert!(points.windows(2).all(|w| w[0][0] <= w[1][0] && w[0][4] <= w[1][4]));
+    }
+
+    #[test]
+    fn a_narrow_range_of_large_values_keeps_its_points_apart() {
+        for range in [[101_300.0, 101_350.0], [1026.0, 1028.0], [-5.0, -4.9375], [0.0, 3e9]] {
+            let histogram = (0..64).map(|i| if i < 4 { 100_000 >> (4 * i) } else { 1000 }).collect();
+            let points = guess_transfer(&info(histogram, range));
+            let [lo, hi] = range.map(f64::from);
+            assert!(points.windows(2).all(|w| w[0][0] < w[1][0]), "{points:?}");
+            assert!(points.iter().all(|p| (lo..=hi).contains(&p[0])) && points[4][0] == hi, "{points:?}");
+        }
     }
 
     #[test]

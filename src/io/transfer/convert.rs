@@ -87,6 +87,10 @@ pub fn convert(presets: &[Preset], format: Format, range: Option<[f64; 2]>) -> R
         let before = if presets.len() > 1 { format!("'{}': ", quote(&preset.name)) } else { String::new() };
         lost.extend(preset.lost().chain(written(preset, &back.preset?, format).iter().map(String::as_str)).map(|l| format!("{before}{l}")));
     }
+    // Slicer 5.6 and before read lines into 1024 bytes, and take the rest for the next line.
+    if format == Format::SlicerVp && text.lines().any(|line| line.len() > 1023) {
+        lost.push("what stands beyond 1023 bytes of a line, to Slicer up to 5.6; as .xml it has no limit".into());
+    }
     Ok((text, lost))
 }
 

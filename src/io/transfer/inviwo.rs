@@ -1,5 +1,6 @@
 //! Inviwo's transfer functions (`.itf`): points of position 0..1 over the data's range or, by `type` (without one: where they
-//! lie outside), of the data's own scalars, colour and opacity; transparent outside a mask. Written as version 1.0.
+//! lie outside), of the data's own scalars, colour and opacity; transparent outside a mask. Since 2018
+//! they are `Points`, not `dataPoints`: so they are written.
 
 use super::super::limits::bad;
 use super::Preset;
@@ -45,7 +46,7 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
     preset.parts = Some(PARTS);
     if relative {
         (preset.domain, preset.relative) = ([0.0, 1.0], true);
-    } else if (low, high) != (0.0, 1.0) {
+    } else if (low, high) != (0.0, 1.0) && (low > -1e300 || high < 1e300) {
         preset.lost.push("the mask, which is of functions over 0 to 1".into());
     }
     // Version 1.0 knows a second interpolation, which no Inviwo ever carried out.
@@ -55,23 +56,29 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
     preset.checked(path)
 }
 
-/// A preset as Inviwo reads it, its domain laid on 0..1.
+/// A preset as Inviwo reads it.
 pub(super) fn write(preset: &Preset) -> String {
-    let unit = preset.on([0.0, 1.0]);
-    let mut out = String::from(
-        "<?xml version=\"1.0\" ?>\n<InviwoTreeData version=\"1.0\">\n    <maskMin content=\"0\" />\n    <maskMax content=\"1\" />\n    <dataPoints>\n",
+    // A function of the data's own scalars has no mask: it lets all through.
+    let (placed, kind, [low, high]) = match preset.relative {
+        true => (preset.on([0.0, 1.0]), 0, [0.0, 1.0]),
+        false => (preset.spanning(), 1, [f64::MIN, f64::MAX]),
+    };
+    let hair = STEP * (placed.domain[1] - placed.domain[0]);
+    let mut out = format!(
+        "<?xml version=\"1.0\" ?>\n<InviwoWorkspace version=\"3\">\n    <maskMin content=\"{low:e}\" />\n    <maskMax content=\"{high:e}\" />\n    \
+         <type content=\"{kind}\" />\n    <Points>\n"
     );
     let mut point = |x: f64, [r, g, b, a]: [f64; 4]| {
-        let x = x.clamp(0.0, 1.0);
+        let x = if preset.relative { x.clamp(0.0, 1.0) } else { x };
         out += &format!(
-            "        <point>\n            <pos x=\"{x}\" y=\"{a}\" />\n            <rgba x=\"{r}\" y=\"{g}\" z=\"{b}\" w=\"{a}\" />\n        </point>\n"
+            "        <Point>\n            <pos content=\"{x}\" />\n            <rgba x=\"{r}\" y=\"{g}\" z=\"{b}\" w=\"{a}\" />\n        </Point>\n"
         );
     };
-    for key in unit.keys() {
+    for key in placed.keys() {
         point(key.x, key.left);
         if key.left != key.right {
-            point(key.x + STEP, key.right);
+            point(key.x + hair, key.right);
         }
     }
-    out + "    </dataPoints>\n    <interpolationType_ content=\"0\" />\n</InviwoTreeData>\n"
+    out + "    </Points>\n</InviwoWorkspace>\n"
 }

@@ -105,7 +105,7 @@ fn parse(path: &Path, text: &str) -> Result<(&'static str, Vec<Named>)> {
         return Err(bad(
             path,
             format!("its root is '{}', of no transfer function known here", quote(&root.name)),
-            "XML of Slicer (VolumeProperty), Voreen (VoreenData), Inviwo (InviwoTreeData) and Exposure Render (Presets) is read",
+            "XML of Slicer (VolumeProperty), Voreen (VoreenData), Inviwo (InviwoTreeData, InviwoWorkspace) and Exposure Render (Presets) is read",
         ));
     }
     match extension.as_str() {

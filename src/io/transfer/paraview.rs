@@ -1,6 +1,6 @@
 //! ParaView's JSON presets, also those of vtk.js: `RGBPoints` (x, r, g, b; display sRGB), often `Points` (x, opacity,
 //! midpoint, sharpness), and how colours are interpolated. A preset within 0..1 is relative: ParaView rescales it to the
-//! data's range. Without `Points` the opacity rises linearly from 0 to 1 over the colours' range, ParaView's default.
+//! data's range; so is one of -1..1, which most of its own presets have. Without `Points` the opacity rises linearly from 0 to 1 over the colours' range, ParaView's default.
 
 use super::super::limits::{bad, quote};
 use super::color::Space;
@@ -64,6 +64,13 @@ fn preset(path: &Path, json: &Value, name: &str) -> Result<Preset> {
         let right = "a continuous preset with RGBPoints is needed";
         let what = match json.get("IndexedColors") {
             Some(_) => "it has IndexedColors: a palette for categories, not for a continuous scalar",
+            None if json.get("volumeProperties").is_some() => {
+                return Err(bad(
+                    path,
+                    "it is a volume property of Slicer as JSON",
+                    "Slicer's .vp and presets.xml are read: save it as .vp",
+                ));
+            }
             None => "it has no RGBPoints",
         };
         return Err(bad(path, what, right));
@@ -72,7 +79,7 @@ fn preset(path: &Path, json: &Value, name: &str) -> Result<Preset> {
     let opacities = points::<4>(path, json, "Points")?.unwrap_or_else(|| vec![[first, 0.0, 0.5, 0.0], [last, 1.0, 0.5, 0.0]]);
     let colors = colors.iter().map(|p| (p[0], [p[1], p[2], p[3]])).collect();
     let mut preset = Preset::new(name, colors, opacities);
-    preset.relative = preset.domain[0] >= 0.0 && preset.domain[1] <= 1.0;
+    preset.relative = preset.domain[0] >= 0.0 && preset.domain[1] <= 1.0 || preset.domain == [-1.0, 1.0];
     preset.space = space(path, json)?;
     if json.get("UseLogScale").and_then(Value::as_f64).is_some_and(|v| v != 0.0) {
         preset.lost.push("UseLogScale: colours over the scalar's logarithm; they are taken over the scalar".into());

@@ -30,12 +30,16 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
         Some(t) => (t.number(path, &["x"])?, t.number(path, &["y"])?),
         None => (function.number_of(path, "lower", "value")?.unwrap_or(0.0), function.number_of(path, "upper", "value")?.unwrap_or(1.0)),
     };
-    // 0: nothing is opaque, 2: everything is; older files have a flag for the latter.
+    // 0: nothing is opaque, 2: everything is; older files have a flag for the latter. Of those that say their data type (since
+    // TransFuncBase), what has no opacity keeps none.
     let mode = function.number_of(path, "alphaMode", "value")?.unwrap_or(1.0);
     let ignored = function.child("ignoreAlpha").and_then(|e| e.get("value")) == Some("true");
     if mode == 0.0 || mode == 2.0 || ignored {
         let alpha = if mode == 0.0 { 0.0 } else { 1.0 };
-        points.iter_mut().for_each(|p| p[4] = alpha);
+        points = match function.child("dataType") {
+            Some(_) if mode == 2.0 => opaque(&points),
+            _ => points.into_iter().map(|[x, r, g, b, _]| [x, r, g, b, alpha]).collect(),
+        };
     }
     clip(&mut points, lower, upper);
     if let Some(gamma) = function.number_of(path, "gammaValue", "value")?.filter(|g| *g != 1.0) {
@@ -58,6 +62,24 @@ pub(super) fn read(path: &Path, root: &Element, stem: &str) -> Result<Preset> {
     let mut preset = Preset::of_points(stem, &points);
     (preset.domain, preset.relative, preset.lost, preset.parts) = (domain, relative, lost, Some(PARTS));
     preset.checked(path)
+}
+
+/// Opaque wherever there is any opacity.
+fn opaque(points: &[[f64; 5]]) -> Vec<[f64; 5]> {
+    let seen = |i: Option<usize>| i.and_then(|i| points.get(i)).is_some_and(|p| p[4] > 0.0);
+    let mut out = Vec::new();
+    for (i, &[x, r, g, b, alpha]) in points.iter().enumerate() {
+        let at = |x: f64, alpha: f64| [x, r, g, b, alpha];
+        if alpha > 0.0 {
+            out.push(at(x, 1.0));
+            continue;
+        }
+        // From nothing the line rises at once.
+        out.extend(seen(i.checked_sub(1)).then(|| at(x - 0.5 * STEP, 1.0)));
+        out.push(at(x, 0.0));
+        out.extend(seen(Some(i + 1)).then(|| at(x + 0.5 * STEP, 1.0)));
+    }
+    out
 }
 
 /// A colour of 0..255 as red, green, blue and opacity 0..1.
