@@ -145,7 +145,8 @@ hl_status hl_engine_get_device(const hl_engine *engine, hl_device_info *info);
 
 #define HL_COPY 0   /* the data are copied before the call returns */
 #define HL_BORROW 1 /* they stay the caller's, valid and unchanged until `release` is called, exactly once (not at all if the
-                       call fails). They are read at creation, and again by plans, error measurements and histograms. */
+                       call fails). A volume is read at creation, and again by plans, error measurements, histograms and
+                       hl_field_load; an image whenever it is used. */
 typedef void (*hl_release_fn)(void *user, const void *data);
 
 typedef struct hl_volume_info {
@@ -282,7 +283,7 @@ typedef struct hl_image_info {
     uint32_t width, height;
     int32_t format;
     int32_t memory;                      /* HL_COPY, HL_BORROW */
-    int64_t column_stride, row_stride;   /* bytes; may be negative; 0: packed */
+    int64_t column_stride, row_stride;   /* bytes; may be negative; 0: packed, rows downwards */
     hl_release_fn release;
     void *release_user;
 } hl_image_info;
@@ -377,6 +378,7 @@ typedef struct hl_timing {
     double seconds;
 } hl_timing;
 
+/* Leaves no sentence of a job that failed: hl_job_wait(job, 0) does. */
 hl_status hl_job_poll(hl_job *job, hl_job_state *state);
 /* Waits at most so many seconds (negative: as long as it takes): HL_TIMEOUT, or the job's own status. */
 hl_status hl_job_wait(hl_job *job, double seconds);
@@ -456,7 +458,8 @@ typedef struct hl_precompute_info {
     hl_volume *volume;
     hl_transfer *transfer;     /* NULL: a grey ramp */
     const hl_surface *surface; /* NULL: the translucent volume */
-    hl_field *previous;        /* shared instead of computed anew if only colours differ from it; may be NULL */
+    hl_field *previous;        /* shared instead of computed anew if only colours differ from it (not if it is one pass of several,
+                                  or was loaded); may be NULL */
     int32_t method;            /* 0: sweep */
     int32_t ratio;             /* voxels per cell along an axis: 1, 2, 4, 8; 0: 4 */
     uint32_t directions;       /* 0: 128 */

@@ -6,7 +6,7 @@
  *   3. volumes: hl_volume_info.next = a hl_vulkan_image or hl_vulkan_buffer, with data NULL. Copied on the device.
  *   4. pictures: hl_render_info.next = a hl_vulkan_image. Written on the device, over no background.
  *
- * Plans, error measurements and histograms of such volumes read them back to main memory once; nothing else leaves the device.
+ * Plans, error measurements, histograms, hl_field_save and hl_field_load of such volumes read them back to main memory, each time.
  *
  * Images and buffers are the engine's from the call (or the job's start) until the call returns (the job ends), or as the
  * semaphores order it. Of what belongs to another queue family than the engine's (hl_vulkan_get_family), the host records its

@@ -3,12 +3,13 @@
 use super::abi::*;
 use super::call::{enter, fill};
 use super::fault::{Fault, Result};
-use super::job::{Body, Job};
+use super::job::{Body, Job, Work};
 use super::precompute::{self, CLASSIFIED};
 use super::render::{self, PREPARED};
-use crate::engine::{Cost, Engine};
+use crate::engine::{Cost, Engine, Medium};
 use crate::measure;
 use crate::plan;
+use crate::scene::Visibility;
 use crate::scene::visibility::Method;
 use std::sync::Arc;
 
@@ -47,7 +48,15 @@ impl precompute::Request {
             let engine = work.engine();
             let (medium, same) = self.begin(work, &engine)?;
             if let Some(same) = same {
-                work.estimate(Estimate::new(&engine, 0, same.field.bytes(), 0.0));
+                let settings = same.field.settings();
+                let (besides, seconds) = match self.measure.filter(|_| same.error.is_none()) {
+                    None => (0, 0.0),
+                    Some(budget) => {
+                        let cost = engine.field_cost(&medium, settings, &mut |stage, f| work.tell(stage, f))?;
+                        self.measuring(work, &engine, &medium, settings, &cost, budget)?
+                    }
+                };
+                work.estimate(Estimate::new(&engine, besides, same.field.bytes(), seconds));
                 return Ok(());
             }
             let wanted = &self.asked.settings;
@@ -71,22 +80,36 @@ impl precompute::Request {
             let fields = if self.progressive && settings.method == Method::Sweep { 2 } else { 1 };
             let (mut besides, mut seconds) = (planning.max(fields * cost.kept + cost.passing), cost.seconds);
             if let Some(budget) = self.measure {
-                let volume = self.volume.volume(&engine)?;
-                work.part(0.9, 1.0);
-                let mut tell = |stage, f| work.tell(stage, f);
-                let plan = measure::Plan::watched(&engine, &volume, &medium, &settings, &Self::budget(budget), &mut tell)?;
-                seconds += plan.seconds;
-                besides = besides.max(cost.kept + plan.bytes);
-                if plan.before && settings.bits != 32 {
-                    // The estimator runs again at the measured cells.
-                    let all = engine.wanted_cells(&medium, &settings)?.len().max(1);
-                    seconds += cost.seconds * (plan.cells.len() as f64 / all as f64).min(1.0);
-                    besides = besides.max(cost.kept + cost.passing);
-                }
+                let (bytes, more) = self.measuring(work, &engine, &medium, &settings, &cost, budget)?;
+                (besides, seconds) = (besides.max(cost.kept + bytes), seconds + more);
             }
             work.estimate(Estimate::new(&engine, besides, cost.kept, seconds));
             Ok(())
         })
+    }
+}
+
+impl precompute::Request {
+    /// Bytes beside the field, and seconds, that measuring its error takes.
+    fn measuring(
+        &self,
+        work: &mut Work,
+        engine: &Engine,
+        medium: &Medium,
+        settings: &Visibility,
+        cost: &Cost,
+        budget: f64,
+    ) -> Result<(u64, f64)> {
+        let volume = self.volume.volume(engine)?;
+        work.part(0.9, 1.0);
+        let plan = measure::Plan::watched(engine, &volume, medium, settings, &Self::budget(budget), &mut |stage, f| work.tell(stage, f))?;
+        if !plan.before || settings.bits == 32 {
+            return Ok((plan.bytes, plan.seconds));
+        }
+        // The estimator runs again at the measured cells.
+        let all = engine.wanted_cells(medium, settings)?.len().max(1);
+        let again = cost.seconds * (plan.cells.len() as f64 / all as f64).min(1.0);
+        Ok((plan.bytes.max(cost.passing), plan.seconds + again))
     }
 }
 

@@ -6,7 +6,7 @@ use super::fault::{Fault, Result};
 use super::handle::Object;
 use super::host::{Host, lock};
 use super::volume::VolumeCell;
-use crate::engine::{Engine, Field, Lit, Medium, Progress};
+use crate::engine::{Engine, Field, Lit, Medium, Pass, Progress};
 use crate::scene::visibility::{Method, Wanted};
 use crate::scene::{Clip, Light, Visibility};
 use std::sync::{Arc, Mutex, Weak};
@@ -16,6 +16,8 @@ pub(super) struct FieldCell {
     host: Arc<Host>,
     pub medium: Arc<Medium>,
     pub field: Field,
+    /// Directions it has seen.
+    directions: u32,
     /// What it was asked for with.
     pub asked: Asked,
     pub error: Option<[f64; 3]>,
@@ -48,16 +50,33 @@ impl Object for FieldCell {
 
 impl FieldCell {
     pub fn new(host: &Arc<Host>, medium: &Arc<Medium>, field: Field, asked: &Asked, error: Option<[f64; 3]>) -> Arc<Self> {
+        let directions = field.settings().directions;
+        Self::after(host, medium, field, directions, asked, error)
+    }
+
+    /// A pass before the last: it has seen so many directions, and is not what was asked for.
+    pub fn pass(host: &Arc<Host>, medium: &Arc<Medium>, pass: &Pass, asked: &Asked) -> Arc<Self> {
+        let asked = Asked { volume: Weak::new(), ..asked.clone() };
+        Self::after(host, medium, pass.field.clone(), pass.directions, &asked, None)
+    }
+
+    fn after(host: &Arc<Host>, medium: &Arc<Medium>, field: Field, directions: u32, asked: &Asked, error: Option<[f64; 3]>) -> Arc<Self> {
         Arc::new(Self {
             host: host.clone(),
             medium: medium.clone(),
             field,
+            directions,
             asked: asked.clone(),
             error,
             lit: Mutex::default(),
             cut: Mutex::default(),
             mapped: Mutex::default(),
         })
+    }
+
+    /// The settings that it was made with.
+    pub fn settings(&self) -> Visibility {
+        Visibility { directions: self.directions, ..self.field.settings().clone() }
     }
 
     /// This field in another medium, if that is as opaque everywhere: only colours differ.
@@ -145,7 +164,7 @@ pub unsafe extern "C" fn hl_field_get_info(field: *const hl_field, info: *mut hl
     enter(|scope| {
         let cell = scope.get::<FieldCell>(field)?;
         fill("hl_field_info", info, |out| {
-            let s = cell.field.settings();
+            let s = cell.settings();
             out.dims = cell.field.dims().map(|n| n as u32);
             out.coefficients = s.coefficients() as i32;
             (out.method, out.ratio, out.bits) = (method(s.method), s.ratio.cast_signed(), s.bits.cast_signed());

@@ -55,7 +55,7 @@ pub unsafe extern "C" fn hl_field_save(field: *const hl_field, path: *const c_ch
         let (engine, medium) = (turn.engine(), &cell.medium);
         let (data, volume) = (engine.read_field(&cell.field)?, engine.read_volume(medium.volume())?);
         drop(turn);
-        let mut meta = meta(cell.field.settings());
+        let mut meta = meta(&cell.settings());
         meta.extend(FieldKeys::of(&volume, medium.matter(), medium.clip()).meta(&data));
         io::write_nrrd_field(&path, cell.field.dims(), cell.field.settings().coefficients(), &data, cell.medium.grid(), &meta)?;
         Ok(HL_OK)

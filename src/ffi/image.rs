@@ -101,19 +101,15 @@ pub unsafe extern "C" fn hl_image_load(engine: *mut hl_engine, path: *const c_ch
     })
 }
 
-/// Radiance HDR is known as a probe only.
+/// Radiance HDR is known as a probe only, and so is luminance alone.
 fn load(path: &Path) -> std::result::Result<Picture, crate::Error> {
-    match io::is_probe(path)? {
-        true => match io::read_probe(path) {
-            Ok(probe) => {
-                let rgba = probe.pixels().iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
-                Ok(Picture { width: probe.width(), height: probe.height(), rgba })
-            }
-            // Not 2:1, or with coverage: an ordinary OpenEXR picture.
-            Err(probe) => io::read_picture(path).map(|(_, picture)| picture).map_err(|_| probe),
-        },
-        false => io::read_picture(path).map(|(_, picture)| picture),
+    let picture = io::read_picture(path).map(|(_, picture)| picture);
+    if picture.is_ok() || !io::is_probe(path)? {
+        return picture;
     }
+    let probe = io::read_probe(path)?;
+    let rgba = probe.pixels().iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
+    Ok(Picture { width: probe.width(), height: probe.height(), rgba })
 }
 
 #[unsafe(no_mangle)]

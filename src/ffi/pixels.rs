@@ -53,7 +53,8 @@ impl Layout {
             ));
         }
         let column = if info.column_stride == 0 { format.bytes() as i64 } else { info.column_stride };
-        let packed = i64::from(info.width).checked_mul(column);
+        // Rows go down, wherever columns go.
+        let packed = column.checked_abs().and_then(|column| i64::from(info.width).checked_mul(column));
         let row = if info.row_stride == 0 { packed } else { Some(info.row_stride) };
         let reach = |n: u32, stride: i64| (i64::from(n) - 1).checked_mul(stride.checked_abs()?);
         let all = row.and_then(|row| reach(info.width, column)?.checked_add(reach(info.height, row)?));

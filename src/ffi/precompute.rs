@@ -111,6 +111,14 @@ impl Request {
         let (medium, same) = self.begin(work, &engine)?;
         if let Some(same) = same {
             let directions = same.field.settings().directions;
+            let same = match self.measure.filter(|_| same.error.is_none()) {
+                None => same,
+                Some(seconds) => {
+                    work.part(CLASSIFIED, 1.0);
+                    let error = self.measured(work, &engine, &medium, &same.field, seconds)?;
+                    FieldCell::new(&self.host, &medium, same.field.clone(), &self.asked, Some(error))
+                }
+            };
             if let Some(error) = same.error {
                 work.error(error);
             }
@@ -152,7 +160,11 @@ impl Request {
             return Ok(field);
         }
         let mut finished = |pass: &crate::engine::Pass<'_>| {
-            work.borrow().field(FieldCell::new(&self.host, medium, pass.field.clone(), &self.asked, None), pass.directions);
+            let cell = match pass.directions < settings.directions {
+                true => FieldCell::pass(&self.host, medium, pass, &self.asked),
+                false => FieldCell::new(&self.host, medium, pass.field.clone(), &self.asked, None),
+            };
+            work.borrow().field(cell, pass.directions);
             ControlFlow::Continue(())
         };
         Ok(engine.refine(medium, settings, &mut progress, &mut finished)?)
@@ -181,7 +193,8 @@ impl Request {
         let made = match self.progressive {
             false => plan.compute(engine, medium, &mut say, &mut progress)?,
             true => plan.refine(engine, medium, &mut say, &mut progress, &mut |pass| {
-                work.borrow().field(FieldCell::new(&self.host, medium, pass.field.clone(), &self.asked, None), pass.directions);
+                // Not yet known to keep the tolerance.
+                work.borrow().field(FieldCell::pass(&self.host, medium, pass, &self.asked), pass.directions);
             })?,
         };
         let [low, high] = made.error.interval;

@@ -174,6 +174,12 @@ fn pictures_go_out_and_in() {
     ok!(hl_image_save(image, path("a.exr").as_ptr(), null()));
     ok!(hl_image_load(engine.0, path("a.exr").as_ptr(), &mut again));
     assert_eq!(pixels(again), all);
+    // Twice as wide as high, as a probe is: a picture all the same, with its coverage.
+    let wide = self::image(engine.0, &hl_render_info { width: 64, height: 32, ..small(field) });
+    ok!(hl_image_save(wide, path("w.exr").as_ptr(), null()));
+    ok!(hl_image_load(engine.0, path("w.exr").as_ptr(), &mut again));
+    assert!(pixels(again) == pixels(wide) && pixels(again).chunks(4).any(|p| p[3] == 0.0));
+    ok!(hl_image_load(engine.0, path("a.exr").as_ptr(), &mut again));
     ok!(hl_image_save(image, path("a.png").as_ptr(), &hl_save_info { exposure: 0.5, ..init() }));
     let mut difference: hl_difference = init();
     ok!(hl_image_compare(again, image, &mut difference));
@@ -186,6 +192,11 @@ fn pictures_go_out_and_in() {
     assert!(flipped[..160] == all[4 * 40 * 29..] && flipped != all);
     ok!(hl_image_compare(again, image, &mut difference));
     assert!(difference.relative_rmse > 0.1 && difference.flip_mean > 0.01 && difference.largest > 0.1);
+    // Mirrored: columns go left from the last, rows still go down.
+    let info = hl_image_info { data: all[4 * 39..].as_ptr().cast(), width: 40, height: 30, column_stride: -16, ..init() };
+    ok!(hl_image_create(engine.0, &info, &mut again));
+    let mirrored: Vec<f32> = all.chunks(160).flat_map(|row| row.chunks(4).rev().flatten().copied()).collect();
+    assert!(pixels(again) == mirrored && mirrored != all);
     refused!(HL_ERROR_INVALID, "an .exr or .png", hl_image_save(image, path("a.gif").as_ptr(), null()));
     refused!(HL_ERROR_IO, "no such folder", hl_image_save(image, path("b/a.png").as_ptr(), null()));
     refused!(HL_ERROR_IO, "no such file", hl_image_load(engine.0, path("none.png").as_ptr(), &mut again));

@@ -111,6 +111,9 @@ fn a_field_that_is_there_costs_nothing() {
     ok!(hl_transfer_set(transfer, &transfer_info(&points(false, 0.8))));
     ok!(hl_precompute_estimate(engine.0, &hl_precompute_info { previous: first, ..info }, &mut said));
     assert!(said.seconds == 0.0 && said.result > 0 && said.peak > said.result);
+    // Unless it is to be measured first.
+    ok!(hl_precompute_estimate(engine.0, &hl_precompute_info { previous: first, measure: 1, ..info }, &mut said));
+    assert!(said.seconds > 0.0);
     ok!(hl_transfer_set(transfer, &transfer_info(&points(false, 0.7))));
     ok!(hl_precompute_estimate(engine.0, &hl_precompute_info { previous: first, ..info }, &mut said));
     assert!(said.seconds > 0.0);

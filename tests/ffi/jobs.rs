@@ -100,6 +100,19 @@ fn finished_passes_are_there_before_the_end_and_after_a_cancel() {
     ok!(hl_job_get_field(job, &mut late));
     ok!(hl_job_destroy(job));
     assert_eq!(pixels(image(engine.0, &small(early))), before);
+    // It is what it is: of fewer directions, and not taken for the field that was asked for.
+    let mut found: hl_field_info = init();
+    ok!(hl_field_get_info(early, &mut found));
+    assert!((512..4096).contains(&found.directions), "{}", found.directions);
+    ok!(hl_precompute_start(engine.0, &hl_precompute_info { previous: early, ..info }, &mut job));
+    let begun = Instant::now();
+    while !kernels(job).iter().any(|k| k == "sweep") {
+        assert!(poll(job).status == HL_NOT_READY && begun.elapsed() < Duration::from_secs(100), "{:?}", crate::last(engine.0));
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    ok!(hl_job_cancel(job));
+    refused!(HL_ERROR_CANCELLED, "cancelled", hl_job_wait(job, -1.0));
+    ok!(hl_job_destroy(job));
     assert!(before.iter().any(|&v| v > 0.1) && pixels(image(engine.0, &small(late))).iter().all(|v| v.is_finite()));
 }
 
@@ -216,6 +229,10 @@ fn errors_are_measured_and_tolerances_kept() {
     assert_eq!((few.passes, many.passes), (1, 1));
     let (passes, _) = run(&hl_precompute_info { measure: 1, directions: 256, progressive: 1, ..quick(volume) });
     assert_eq!((passes.passes, passes.directions), (4, 256));
+    // A field that is there is measured, where it was not.
+    let plain = field(engine.0, &quick(volume));
+    let (again, _) = run(&hl_precompute_info { measure: 1, previous: plain, ..quick(volume) });
+    assert!(again.error == few.error && again.passes == 1, "{} {}", again.error, few.error);
     let (planned, found) = run(&hl_precompute_info { volume, tolerance: 0.1, ..init() });
     assert!(planned.error_high <= 0.1 && planned.passes == 1, "{} {}", planned.error_high, planned.passes);
     println!("tolerance 0.1: method {}, {} directions, error {:.4}", found.method, found.directions, planned.error);
