@@ -4,6 +4,7 @@ mod io_common;
 use halflight::Result;
 use halflight::io::{ReadOptions, SampleType, describe, read_volume};
 use halflight::scene::Volume;
+use io_common::logs::warnings;
 use io_common::{DIMS, Folder, png_grey, says, slice, tiff_pages, values};
 use std::path::Path;
 use tiff::encoder::colortype::{Gray8, Gray16, Gray32Float, RGB8};
@@ -64,6 +65,27 @@ fn channels_are_chosen() {
     says(read(&path), &["c.tif: its pixels have 3 channels (RGB); choose one with volume.component: R, G, B"]);
     let pick = |c: &str| read_volume(&path, &ReadOptions { component: Some(c.into()), ..Default::default() });
     assert!(holds(&pick("G").unwrap(), SampleType::U8) && pick("2").unwrap().range() == [7.0, 7.0]);
+}
+
+#[test]
+fn names_that_count_more_than_slices_are_told() {
+    let dir = Folder::new();
+    let said = |folder: &str, names: &[&str]| {
+        let folder = dir.path(folder);
+        std::fs::create_dir(&folder).unwrap();
+        names.iter().for_each(|name| std::fs::write(folder.join(name), png_grey(5, 4, false, &slice(SampleType::U8, 0))).unwrap());
+        let (volume, said) = warnings(|| read(&folder).unwrap());
+        assert_eq!(volume.grid().dims()[2], names.len());
+        said
+    };
+    let two = said("a", &["n_z00_ch00.png", "n_z00_ch01.png", "n_z01_ch00.png", "n_z01_ch01.png"]);
+    assert!(two.len() == 1 && two[0].contains("count in 2 places") && two[0].contains("'n_z##_ch01.png'"), "{two:?}");
+    let gap = said("b", &["s1.png", "s2.png", "s4.png", "s5.png", "s7.png"]);
+    assert!(gap.len() == 1 && gap[0].contains("no slice has a number between 2 and 4"), "{gap:?}");
+    let others = said("c", &["image1.png", "image2.png", "mask1.png"]);
+    assert!(others.len() == 1 && others[0].contains("differ in more than a number"), "{others:?}");
+    assert!(said("d", &["s08.png", "s09.png", "s10.png"]).is_empty());
+    assert!(said("e", &["2024_9.png", "2024_10.png"]).is_empty());
 }
 
 #[test]

@@ -70,7 +70,10 @@ fn white_first_is_read_as_stored() {
     for p in &mut pages {
         set(p, 262, Value::Short(3));
     }
-    says(read(&dir.file("p.tif", &[&tiff(&bytes(U8, false), &pages)])), &["p.tif", "palettes are not", "as grey or RGB"]);
+    says(
+        read(&dir.file("p.tif", &[&tiff(&bytes(U8, false), &pages)])),
+        &["p.tif", "palettes are not", "as grey, with its values", "Grays"],
+    );
     for p in &mut pages {
         set(p, 262, Value::Short(1));
         set(p, 259, Value::Short(50000));
@@ -109,6 +112,105 @@ fn channels_and_times_in_pages_are_chosen() {
     }
     set(&mut pages[0], 270, Value::Text(imagej("images=4\nslices=2\nframes=2\n")));
     says(pick(&dir.file("r.tif", &[&tiff(&[7; 24], &pages)]), "0"), &["2 slices at 2 times", "3 channels (RGB)", "split it"]);
+}
+
+/// Pages of 2x1 16-bit samples with a description and a resolution.
+fn described(count: u32, description: &str, resolution: Option<[(u32, u32); 2]>) -> Vec<u8> {
+    let data: Vec<u8> = (0..2 * count).flat_map(|i| (32768 + 10 * i as u16).to_le_bytes()).collect();
+    let mut pages: Vec<Directory> = (0..count).map(|i| page([2, 1], 16, 1, 1, 8 + 4 * i)).collect();
+    set(&mut pages[0], 270, Value::Text(description.into()));
+    for (tag, (n, d)) in [282, 283].into_iter().zip(resolution.into_iter().flatten()) {
+        set(&mut pages[0], tag, Value::Rational(n, d));
+    }
+    tiff(&data, &pages)
+}
+
+#[test]
+fn voxels_lie_as_far_apart_as_the_file_says() {
+    let dir = Folder::new();
+    let five = Some([(5, 1), (1_000_000, 250_000)]);
+    let spacing = |count: u32, description: &str, resolution| {
+        describe(&read(&dir.file("s.tif", &[&described(count, description, resolution)])).unwrap()).spacing
+    };
+    let imagej = |rest: &str| format!("ImageJ=1.54f\nimages=3\nslices=3\n{rest}");
+    assert_eq!(spacing(3, &imagej("unit=um\nspacing=3.0\n"), five), [0.2, 0.25, 3.0]);
+    assert_eq!(spacing(3, &imagej("unit=um\nspacing=-3.0\n"), five), [0.2, 0.25, 3.0]);
+    // ImageJ leaves a depth of 1 out.
+    assert_eq!(spacing(3, &imagej("unit=mm\n"), five), [0.2, 0.25, 1.0]);
+    // Without a unit, or with several, or without a resolution, as ImageJ takes it: not calibrated.
+    for (rest, resolution) in [
+        ("spacing=3.0\n", five),
+        ("unit=pixel\nspacing=3\n", five),
+        ("unit=um\nzunit=s\nspacing=3\n", five),
+        ("unit=um\nspacing=3\n", None),
+    ] {
+        assert_eq!(spacing(3, &imagej(rest), resolution), [1.0; 3], "{rest}");
+    }
+    let ome = |pixels: &str| {
+        format!(
+            "<?xml version=\"1.0\"?><OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeX=\"2\" SizeY=\"1\" SizeZ=\"3\" SizeC=\"1\" SizeT=\"1\" {pixels}/></Image></OME>"
+        )
+    };
+    let sizes = |x: &str, y: &str, z: &str| ome(&format!("PhysicalSizeX=\"0.2\" {x} PhysicalSizeY=\"0.25\" {y} PhysicalSizeZ=\"1.5\" {z}"));
+    assert_eq!(spacing(3, &sizes("", "", ""), five), [0.2, 0.25, 1.5]);
+    let mm = |axis: &str| format!("PhysicalSize{axis}Unit=\"mm\"");
+    assert_eq!(spacing(3, &sizes(&mm("X"), &mm("Y"), &mm("Z")), None), [0.2, 0.25, 1.5], "in its own unit");
+    assert_eq!(spacing(3, &sizes("", "", "PhysicalSizeZUnit=\"nm\""), None), [0.2, 0.25, 0.0015]);
+    // Without a distance of slices there is none; of one slice it does not matter.
+    assert_eq!(spacing(3, &ome("PhysicalSizeX=\"0.2\" PhysicalSizeY=\"0.25\""), None), [1.0; 3]);
+    assert_eq!(spacing(1, &ome("PhysicalSizeX=\"0.2\" PhysicalSizeY=\"0.25\""), None), [0.2, 0.25, 0.2]);
+    // The command line's word counts.
+    let path = dir.file("s.tif", &[&described(3, &imagej("unit=um\nspacing=3.0\n"), five)]);
+    let own = ReadOptions { spacing: Some([1.0, 2.0, 3.0]), ..Default::default() };
+    assert_eq!(describe(&read_volume(&path, &own).unwrap()).spacing, [1.0, 2.0, 3.0]);
+}
+
+/// ImageJ keeps signed samples as unsigned ones that are 32768 larger.
+#[test]
+fn imagejs_values_are_calibrated() {
+    let dir = Folder::new();
+    let stack = |rest: &str| dir.file("c.tif", &[&described(3, &format!("ImageJ=1.54f\nimages=3\nslices=3\n{rest}"), None)]);
+    let signed = read(&stack("cf=0\nc0=-32768.0\nc1=1.0\nvunit=Gray Value\n")).unwrap();
+    assert_eq!((signed.range(), signed.rescale(), signed.samples().type_name()), ([0.0, 50.0], (1.0, -32768.0), "uint16"));
+    let line = read(&stack("cf=0\nc0=-32768.0\nc1=0.5\n")).unwrap();
+    assert_eq!(line.range(), [0.5 * 32768.0 - 32768.0, 0.5 * 32818.0 - 32768.0]);
+    assert_eq!(read(&stack("")).unwrap().range(), [32768.0, 32818.0]);
+    let (curve, said) = warnings(|| read(&stack("cf=1\nc0=1\nc1=2\nc2=3\n")).unwrap());
+    assert!(curve.range() == [32768.0, 32818.0] && said.len() == 1 && said[0].contains("function 1) is not applied"), "{said:?}");
+    // Slices in files of their own must agree.
+    let folder = dir.path("f");
+    std::fs::create_dir(&folder).unwrap();
+    let put = |i: usize, rest: &str| {
+        std::fs::write(folder.join(format!("s{i}.tif")), described(1, &format!("ImageJ=1.54f\n{rest}"), None)).unwrap()
+    };
+    (0..3).for_each(|i| put(i, "cf=0\nc0=-32768.0\nc1=1.0\n"));
+    assert_eq!(read(&folder).unwrap().range(), [0.0, 10.0]);
+    put(1, "");
+    says(read(&folder), &["s1.tif: its values are calibrated otherwise", "s0.tif", "save them as one stack"]);
+}
+
+#[test]
+fn tifffiles_arrays_have_their_axes() {
+    let dir = Folder::new();
+    let file = |count: u8, description: &str| dir.file("s.tif", &[&numbered(count, description)]);
+    let path = file(8, "{\"shape\": [2, 4, 1, 2]}");
+    says(read(&path), &["4 slices of 2 channels (tifffile)", "0 to 1"]);
+    assert_eq!(slices(&pick(&path, "1").unwrap()), [4, 5, 6, 7]);
+    assert_eq!(slices(&pick(&file(8, "{\"shape\": [4, 2, 1, 2], \"axes\": \"ZCYX\"}"), "1").unwrap()), [1, 3, 5, 7]);
+    let both = file(12, "{\"shape\": [2, 3, 2, 1, 2]}");
+    says(read(&both), &["c0t0, c1t0, c2t0, c0t1"]);
+    assert_eq!(slices(&pick(&both, "c2t1").unwrap()), [10, 11]);
+    // One axis, axes that are not these pages', and other words: slices.
+    for text in [
+        "{\"shape\": [8, 1, 2]}",
+        "{\"shape\": [1, 8, 1, 2]}",
+        "{\"shape\": [2, 3, 1, 2]}",
+        "{\"shape\": [2, 4, 2, 1]}",
+        "{\"shape\": \"x\"}",
+        "{\"shape\":",
+    ] {
+        assert_eq!(slices(&read(&file(8, text)).unwrap()), [0, 1, 2, 3, 4, 5, 6, 7], "{text}");
+    }
 }
 
 #[test]

@@ -189,6 +189,23 @@ fn legacy_files_read_back() {
     }
 }
 
+/// What VTK's writers make of images of unsigned char: shares of 255 in text, bytes as they are in binary.
+#[test]
+fn colour_scalars_are_bytes() {
+    let dir = Folder::new();
+    let text: Vec<u8> = values(SampleType::U8).iter().flat_map(|v| format!("{} ", v / 255.0 * 1.0000001).into_bytes()).collect();
+    let head = |form: &str, n: usize| legacy(form, &format!("POINT_DATA 60\nCOLOR_SCALARS s {n}\n"));
+    let ascii = read(&dir.file("a.vtk", &[&head("ASCII", 1), &text])).unwrap();
+    assert!(holds(&ascii, SampleType::U8) && ascii.samples().type_name() == "uint8");
+    let binary = read(&dir.file("b.vtk", &[&head("BINARY", 1), &bytes(SampleType::U8, true)])).unwrap();
+    assert!(holds(&binary, SampleType::U8));
+    let three: Vec<u8> = values(SampleType::U8).iter().flat_map(|v| format!("0.1 {} 1 ", v / 255.0).into_bytes()).collect();
+    let path = dir.file("c.vtk", &[&head("ASCII", 3), &three, b"\nVECTORS v float\n", &b"0.5 0.25 1 ".repeat(60)]);
+    assert!(holds(&pick(&path, "s:1").unwrap(), SampleType::U8));
+    // Other arrays are not.
+    assert_eq!(pick(&path, "v:0").unwrap().range(), [0.5, 0.5]);
+}
+
 #[test]
 fn legacy_arrays_are_chosen() {
     let dir = Folder::new();

@@ -340,6 +340,63 @@ fn bad_pixels_are_named_and_counted() {
     assert!(message(&path).contains("33x21 pixels; a lat-long probe is 2:1"), "{}", message(&path));
 }
 
+#[test]
+fn a_little_below_zero_counts_as_zero() {
+    let dir = folder();
+    let path = dir.path().join("p.exr");
+    let mut red = samples(0);
+    (red[35], red[36]) = (-1e-3, -0.0);
+    let channels =
+        |red: &[f32]| vec![("R", FlatSamples::F32(red.to_vec())), ("G", FlatSamples::F32(samples(1))), ("B", FlatSamples::F32(samples(2)))];
+    flat(&path, channels(&red), Encoding::SMALL_LOSSLESS);
+    let probe = read_probe(&path).unwrap();
+    assert_eq!((probe.pixels()[35][0], probe.pixels()[37][0]), (0.0, 5.0));
+    // NaN stays an error, and is not made 0 beside it.
+    red[40] = f32::NAN;
+    flat(&path, channels(&red), Encoding::SMALL_LOSSLESS);
+    assert!(message(&path).contains("pixel (3, 2)"), "{}", message(&path));
+}
+
+/// The picture is what the display window shows of the data.
+#[test]
+fn exr_windows_are_honoured() {
+    let dir = folder();
+    let path = dir.path().join("w.exr");
+    let write = |size: (usize, usize), at: (i32, i32), display: IntegerBounds, alpha: bool| {
+        let value = |i: usize, c: usize| {
+            let (x, y) = ((i % size.0) as i32 + at.0 - display.position.0, (i / size.0) as i32 + at.1 - display.position.1);
+            if x < 0 || y < 0 || x > 15 || y > 7 { 99.0 } else { value(x as usize, y as usize)[c] }
+        };
+        let channel = |name: &str, c: usize| AnyChannel::new(name, FlatSamples::F32((0..size.0 * size.1).map(|i| value(i, c)).collect()));
+        let mut list = vec![channel("R", 0), channel("G", 1), channel("B", 2)];
+        if alpha {
+            list.push(AnyChannel::new("A", FlatSamples::F32(vec![1.0; size.0 * size.1])));
+        }
+        let mut attributes = LayerAttributes::named("main");
+        attributes.layer_position = Vec2(at.0, at.1);
+        let layer = Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(list.into_iter().collect()));
+        Image::from_layers(ImageAttributes::new(display), vec![layer]).write().to_file(&path).unwrap();
+    };
+    let display = |x, y| IntegerBounds::new((x, y), (16, 8));
+    // Overscan all around, and the windows anywhere.
+    for (x, y) in [(0, 0), (-5, 7)] {
+        write((20, 11), (x - 1, y - 2), display(x, y), false);
+        assert_is_the_probe(&path, false);
+    }
+    // A crop: nothing elsewhere.
+    write((5, 3), (4, 2), display(0, 0), true);
+    let crop = read_picture_exr(&path).unwrap();
+    assert_eq!((crop.width, crop.height), (16, 8));
+    for (i, pixel) in crop.rgba.iter().enumerate() {
+        let within = (4..9).contains(&(i % 16)) && (2..5).contains(&(i / 16));
+        let [r, g, b] = value(i % 16, i / 16);
+        assert_eq!(*pixel, if within { [r, g, b, 1.0] } else { [0.0; 4] }, "{i}");
+    }
+    // A little of very much would take memory for nothing.
+    write((5, 3), (4, 2), IntegerBounds::new((0, 0), (8192, 4096)), false);
+    assert!(message(&path).contains("5x3 pixels lie in a picture of 8192x4096"), "{}", message(&path));
+}
+
 /// Flips bytes, cuts and grows the file; every outcome but a panic is right.
 fn mutate(path: &Path, original: &[u8], rounds: usize, mut read: impl FnMut(&Path) -> bool) -> usize {
     let mut state = 0x1234_5678_9abc_def1_u64;

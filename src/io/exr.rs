@@ -147,7 +147,8 @@ pub fn read_picture_exr(path: &Path) -> Result<Picture> {
         let good = w <= MAX_SIDE && h <= MAX_SIDE && w * h <= MAX_PIXELS;
         (!good).then(|| format!("at most {MAX_SIDE} a side and {MAX_PIXELS} pixels are read"))
     };
-    layer(path, &mut file, &["R", "G", "B"], too_large)?;
+    let window = layer(path, &mut file, &["R", "G", "B"], too_large)?;
+    window.check_primaries(path);
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -162,16 +163,14 @@ pub fn read_picture_exr(path: &Path) -> Result<Picture> {
         .non_parallel()
         .from_buffered(file)
         .map_err(|e| trouble(path, "read", e))?;
-    let (width, height, rgba) = image.layer_data.channel_data.pixels.whole(path)?;
+    let (width, height, rgba) = window.shown(image.layer_data.channel_data.pixels.whole(path)?);
     Ok(Picture { width, height, rgba })
 }
 
 /// What the picture of a file covers of each pixel where it says so beside its alpha, which is 1 everywhere over a background.
 pub(super) fn read_coverage(path: &Path) -> Result<Option<Vec<f32>>> {
     let (mut file, _) = open(path)?;
-    if layer(path, &mut file, &["R", "G", "B", COVERAGE], |_, _| None).is_err() {
-        return Ok(None);
-    }
+    let Ok(window) = layer(path, &mut file, &["R", "G", "B", COVERAGE], |_, _| None) else { return Ok(None) };
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -184,7 +183,7 @@ pub(super) fn read_coverage(path: &Path) -> Result<Option<Vec<f32>>> {
         .non_parallel()
         .from_buffered(file)
         .map_err(|e| trouble(path, "read", e))?;
-    let (_, _, covered) = image.layer_data.channel_data.pixels.whole(path)?;
+    let (_, _, covered) = window.shown(image.layer_data.channel_data.pixels.whole(path)?);
     Ok(Some(covered.into_iter().flatten().collect()))
 }
 
@@ -195,42 +194,100 @@ pub(super) fn read_rgb(
     bad_shape: impl Fn(usize, usize) -> Option<String>,
 ) -> Result<(usize, usize, Vec<[f32; 3]>)> {
     let reader = || read().no_deep_data().largest_resolution_level().specific_channels();
-    let pixels = match layer(path, &mut file, &["R", "G", "B"], &bad_shape) {
-        Ok(()) => reader()
-            .required("R")
-            .required("G")
-            .required("B")
-            .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<3>, at, (r, g, b)| grid.put(at, [r, g, b]))
-            .first_valid_layer()
-            .all_attributes()
-            .non_parallel()
-            .from_buffered(file)
-            .map(|image| image.layer_data.channel_data.pixels),
-        Err(without_color) => {
-            // The refusal that names R, G and B says more than one that misses Y.
-            if layer(path, &mut file, &["Y"], &bad_shape).is_err() {
-                return Err(without_color);
-            }
+    let (window, pixels) = match layer(path, &mut file, &["R", "G", "B"], &bad_shape) {
+        Ok(window) => (
+            window,
             reader()
-                .required("Y")
-                .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<3>, at, (y,)| grid.put(at, [y; 3]))
+                .required("R")
+                .required("G")
+                .required("B")
+                .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<3>, at, (r, g, b)| grid.put(at, [r, g, b]))
                 .first_valid_layer()
                 .all_attributes()
                 .non_parallel()
                 .from_buffered(file)
-                .map(|image| image.layer_data.channel_data.pixels)
+                .map(|image| image.layer_data.channel_data.pixels),
+        ),
+        Err(without_color) => {
+            // The refusal that names R, G and B says more than one that misses Y.
+            let Ok(window) = layer(path, &mut file, &["Y"], &bad_shape) else { return Err(without_color) };
+            (
+                window,
+                reader()
+                    .required("Y")
+                    .collect_pixels(|size, _| Grid::new(size), |grid: &mut Grid<3>, at, (y,)| grid.put(at, [y; 3]))
+                    .first_valid_layer()
+                    .all_attributes()
+                    .non_parallel()
+                    .from_buffered(file)
+                    .map(|image| image.layer_data.channel_data.pixels),
+            )
         }
     };
-    pixels.map_err(|e| trouble(path, "read", e))?.whole(path)
+    window.check_primaries(path);
+    Ok(window.shown(pixels.map_err(|e| trouble(path, "read", e))?.whole(path)?))
 }
 
-/// Whether there is a layer with these channels, of a size that is read; leaves `file` at its start.
+/// What is shown of a layer: the display window, in which its data lie, or beyond which.
+struct Window {
+    size: [usize; 2],
+    /// Of the data's first pixel.
+    at: [i64; 2],
+    /// Whether its colours are of the primaries of Rec. 709.
+    rec709: bool,
+}
+
+impl Window {
+    fn of(header: &Header) -> Self {
+        let display = header.shared_attributes.display_window;
+        let first = header.own_attributes.layer_position;
+        let at = [first.0, first.1].map(i64::from);
+        let corner = [display.position.0, display.position.1].map(i64::from);
+        let near = |a: Vec2<f32>, b: (f32, f32)| (a.0 - b.0).abs() < 2e-3 && (a.1 - b.1).abs() < 2e-3;
+        let rec709 = header.shared_attributes.chromaticities.is_none_or(|c| {
+            near(c.red, (0.64, 0.33)) && near(c.green, (0.3, 0.6)) && near(c.blue, (0.15, 0.06)) && near(c.white, (0.3127, 0.329))
+        });
+        Self { size: [display.size.0, display.size.1], at: [at[0] - corner[0], at[1] - corner[1]], rec709 }
+    }
+
+    fn check_primaries(&self, path: &Path) {
+        if !self.rec709 {
+            log::warn!(
+                "{}: its chromaticities are not those of Rec. 709; its red, green and blue are taken as they stand",
+                crate::error::shown(path)
+            );
+        }
+    }
+
+    /// The display window of a layer's data: nothing where they do not reach.
+    fn shown<const N: usize>(&self, (width, height, pixels): Pixels<N>) -> Pixels<N> {
+        let [w, h] = self.size;
+        if (self.at, [w, h]) == ([0, 0], [width, height]) {
+            return (width, height, pixels);
+        }
+        let mut out = vec![[0.0; N]; w * h];
+        let within = |n: i64, at: i64, count: usize| usize::try_from(n - at).ok().filter(|&i| i < count);
+        for (y, row) in out.chunks_exact_mut(w).enumerate() {
+            let Some(from) = within(y as i64, self.at[1], height) else { continue };
+            for (x, pixel) in row.iter_mut().enumerate() {
+                if let Some(column) = within(x as i64, self.at[0], width) {
+                    *pixel = pixels[from * width + column];
+                }
+            }
+        }
+        (w, h, out)
+    }
+}
+
+type Pixels<const N: usize> = (usize, usize, Vec<[f32; N]>);
+
+/// The layer with these channels, of a size that is read; leaves `file` at its start.
 fn layer(
     path: &Path,
     file: &mut (impl BufRead + Seek),
     channels: &[&str],
     bad_shape: impl Fn(usize, usize) -> Option<String>,
-) -> Result<()> {
+) -> Result<Window> {
     let wrong = |what: String, right: String| Err(Error::Format { path: path.to_owned(), what, right });
     let io = |source| Error::Io { path: path.to_owned(), action: "read", source };
     file.rewind().map_err(io)?;
@@ -260,10 +317,17 @@ fn layer(
         return wrong(format!("channel {} is subsampled", c.name), "every channel must have a sample per pixel".into());
     }
     let Vec2(width, height) = header.layer_size;
-    match bad_shape(width, height) {
-        Some(right) => wrong(format!("{width}x{height} pixels"), right),
-        None => Ok(()),
+    let window = Window::of(header);
+    let [w, h] = window.size;
+    if let Some(right) = bad_shape(w, h) {
+        return wrong(format!("{w}x{h} pixels"), right);
     }
+    // What is not there takes memory all the same.
+    if w.saturating_mul(h) > width.saturating_mul(height).saturating_mul(64).max(1 << 20) {
+        let what = format!("its {width}x{height} pixels lie in a picture of {w}x{h}");
+        return wrong(what, "at least a 64th of it must be there: crop it".into());
+    }
+    Ok(window)
 }
 
 /// Pixels as they come in.
@@ -291,7 +355,7 @@ impl<const N: usize> Grid<N> {
         }
     }
 
-    fn whole(self, path: &Path) -> Result<(usize, usize, Vec<[f32; N]>)> {
+    fn whole(self, path: &Path) -> Result<Pixels<N>> {
         let Vec2(width, height) = self.size;
         if self.pixels.is_empty() || Some(self.pixels.len()) != width.checked_mul(height) {
             return Err(Error::Format {

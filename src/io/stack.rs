@@ -1,13 +1,15 @@
 //! Stacks of pictures: a folder, a pattern `slice_####.tif`, a TIFF of several pages, or one picture as a single slice.
-//! Slices follow each other in the natural order of their names (slice_9 before slice_10). Pictures know no third spacing:
-//! `volume.spacing` gives all three. The box begins at the world origin, x along rows, y along columns from the top.
+//! Slices follow each other in the natural order of their names (slice_9 before slice_10). Few say how
+//! far apart their voxels are: `volume.spacing` gives all three distances. The box begins at the world origin, x along rows, y along columns from the top.
 
 use super::ReadOptions;
 use super::choose;
 use super::limits::{bad, grid, io, quote};
+use super::nifti::{as_stored, rescaled};
 use super::parts::parts;
 use super::samples::{self, Layout};
-use super::stack_picture::{self as picture, Form};
+use super::stack_axes::Said;
+use super::stack_picture::{self as picture, Contents, Form};
 use crate::error::{Result, shown};
 use crate::scene::Volume;
 use glam::{DAffine3, DVec3};
@@ -100,8 +102,60 @@ pub(super) fn read_folder(folder: &Path, files: Vec<PathBuf>, options: &ReadOpti
             format!("it holds {} TIFF and {} PNG files", tiff.len(), png.len()),
             "choose some with a pattern, such as 'folder/slice_####.tif'",
         )),
-        (tiffs, _) => read_slices(folder, if tiffs { png } else { tiff }, options),
+        (tiffs, _) => {
+            let slices = if tiffs { png } else { tiff };
+            if let Some(odd) = odd_names(&slices) {
+                log::warn!("{}: {odd}", shown(folder));
+            }
+            read_slices(folder, slices, options)
+        }
     }
+}
+
+/// What is odd about names, in order, that should differ in one number which counts the slices.
+fn odd_names(files: &[PathBuf]) -> Option<String> {
+    // Texts and numbers in turn, a text first.
+    let parts = |path: &PathBuf| {
+        let (name, mut parts, mut digits) = (name_of(path), vec![String::new()], false);
+        for c in name.chars() {
+            if c.is_ascii_digit() != digits {
+                parts.push(String::new());
+                digits = !digits;
+            }
+            parts.last_mut().into_iter().for_each(|part| part.push(c));
+        }
+        parts
+    };
+    let names: Vec<Vec<String>> = files.iter().map(parts).collect();
+    let [first, .., last] = &names[..] else { return None };
+    let pair = format!("{} and {}", shown(files.first()?), shown(files.last()?));
+    let alike = |a: &[String]| a.len() == first.len() && a.iter().zip(first).step_by(2).all(|(a, b)| a == b);
+    if !names.iter().all(|name| alike(name)) {
+        return Some(format!(
+            "the names of its pictures, such as {pair}, differ in more than a number; all are taken as slices of one volume"
+        ));
+    }
+    let varies: Vec<usize> = (1..first.len()).step_by(2).filter(|&i| names.iter().any(|name| name[i] != first[i])).collect();
+    let [at] = varies[..] else {
+        let mut pattern = last.clone();
+        if let Some(&at) = varies.first() {
+            pattern[at] = "#".repeat(pattern[at].len());
+        }
+        return Some(format!(
+            "the names of its pictures, such as {pair}, count in {} places; all are taken as slices of one volume, in this order: a pattern \
+             such as '{}' takes some",
+            varies.len(),
+            pattern.concat()
+        ));
+    };
+    let number = |i: usize| names[i][at].parse::<u64>().ok();
+    let gap = (1..names.len()).find(|&i| number(i - 1).zip(number(i)).is_some_and(|(a, b)| b > a + 1))?;
+    Some(gap_after(&names[gap - 1][at], &names[gap][at]))
+}
+
+/// What is said where numbers are missing.
+fn gap_after(a: &str, b: &str) -> String {
+    format!("no slice has a number between {a} and {b}; the others are taken as evenly spaced")
 }
 
 /// Whether a file of a folder is one of its pictures.
@@ -113,7 +167,7 @@ pub(super) fn is_slice(path: &Path) -> bool {
 pub(super) fn read_pattern(path: &Path, options: &ReadOptions) -> Result<Volume> {
     let slices = slices(path)?;
     if let Some(w) = slices.windows(2).find(|w| w[1].0 != w[0].0 + 1) {
-        log::warn!("{}: no slice has a number between {} and {}; the others are taken as evenly spaced", shown(path), w[0].0, w[1].0);
+        log::warn!("{}: {}", shown(path), gap_after(&w[0].0.to_string(), &w[1].0.to_string()));
     }
     read_slices(path, slices.into_iter().map(|s| s.1).collect(), options)
 }
@@ -152,14 +206,14 @@ pub(super) fn slices(path: &Path) -> Result<Vec<(u64, PathBuf)>> {
 
 /// One picture, or the pages of one TIFF.
 pub(super) fn read_file(path: &Path, options: &ReadOptions) -> Result<Volume> {
-    let (form, mut pages, axes) = picture::form(path)?;
+    let Contents { form, mut pages, axes, said } = picture::contents(path)?;
     let mut options = options.clone();
     if let Some(axes) = axes {
         pages = axes.choose(path, &form, &pages, &options)?;
         options.component = None;
     }
     let load = picture::pages(path.to_owned(), form.clone(), pages.clone())?;
-    read(path, &form, pages.len(), &options, load)
+    read(path, &form, pages.len(), &said, &options, load)
 }
 
 /// Files of one page each.
@@ -167,19 +221,23 @@ fn read_slices(path: &Path, files: Vec<PathBuf>, options: &ReadOptions) -> Resul
     if let [only] = &files[..] {
         return read_file(only, options);
     }
-    let (form, pages, _) = picture::form(&files[0])?;
+    let Contents { form, pages, said, .. } = picture::contents(&files[0])?;
     if pages.len() > 1 {
         let what = format!("it has {} pages, and there are {} files", pages.len(), files.len());
         return Err(bad(&files[0], what, "a stack has one page per file, or one file: name that file"));
     }
     let first = files[0].clone();
-    let expected = form.clone();
+    let (expected, calibration) = (form.clone(), said.calibration);
     let count = files.len();
-    read(path, &form, count, options, move |i, bytes| {
-        let (found, pages, _) = picture::form(&files[i])?;
+    read(path, &form, count, &said, options, move |i, bytes| {
+        let Contents { form: found, pages, said, .. } = picture::contents(&files[i])?;
         if found != expected || pages.len() != 1 {
             let what = format!("it is {}, and {} is {}", found.says(pages.len()), shown(&first), expected.says(1));
             return Err(bad(&files[i], what, "all slices must have the same size and type"));
+        }
+        if said.calibration != calibration {
+            let what = format!("its values are calibrated otherwise (ImageJ) than those of {}", shown(&first));
+            return Err(bad(&files[i], what, "all slices must have the same calibration: save them as one stack"));
         }
         picture::pages(files[i].clone(), found, pages)?(0, bytes)
     })
@@ -189,12 +247,14 @@ fn read(
     path: &Path,
     form: &Form,
     count: usize,
+    said: &Said,
     options: &ReadOptions,
     load: impl FnMut(usize, &mut Vec<u8>) -> Result<()> + 'static,
 ) -> Result<Volume> {
     let dims = [form.width, form.height, count];
-    let spacing = options.spacing.unwrap_or([1.0; 3]);
-    if options.spacing.is_none() && count > 1 {
+    let given = options.spacing.or(said.spacing(count));
+    let spacing = given.unwrap_or([1.0; 3]);
+    if given.is_none() && count > 1 {
         log::info!("{}: slices do not say how far apart they are; voxels are taken as cubes of edge 1 (volume.spacing)", shown(path));
     }
     if form.color == picture::WHITE_FIRST {
@@ -209,15 +269,17 @@ fn read(
     // Of grey and coverage, grey is meant.
     let default = (form.color == "grey and alpha").then_some(0);
     let pick = choose::component(path, &what, form.channels, &labels, default, options)?;
+    let (slope, intercept) = said.calibration.filter(|_| form.channels == 1).unwrap_or((1.0, 0.0));
+    let replace = as_stored(path, options.nan_as, slope, intercept)?;
     let layout = Layout {
         components: form.channels,
         pick: Some(pick),
         big_endian: cfg!(target_endian = "big"),
-        replace: options.nan_as,
+        replace,
         ..Layout::scalar(dims, form.kind)
     };
     let each = layout.stored_bytes().unwrap_or(u64::MAX) / count as u64;
-    Volume::new(grid, samples::read(path, parts(count, each, load), &layout, options)?, 1.0, 0.0)
+    rescaled(path, grid, samples::read(path, parts(count, each, load), &layout, options)?, slope, intercept)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Pages of a TIFF that are of several channels or times: ImageJ's hyperstacks
 //! (<https://imagej.net/ij/developer/source/ij/io/FileSaver.java.html>, its description of a stack) and OME-TIFF
-//! (<https://docs.openmicroscopy.org/ome-model/6.3.1/ome-tiff/specification.html>). Both say it in the first page's description.
+//! (<https://docs.openmicroscopy.org/ome-model/6.3.1/ome-tiff/specification.html>), and arrays of tifffile. They say it in the first
+//! page's description, the first two also how far voxels lie apart, ImageJ also what values mean.
 
 use super::ReadOptions;
 use super::choose;
@@ -19,8 +20,95 @@ pub(super) const MOST: usize = 1 << 20;
 pub(super) struct Axes {
     counts: [usize; 3],
     strides: [usize; 3],
-    /// "ImageJ" or "OME-TIFF".
+    /// "ImageJ", "OME-TIFF" or "tifffile".
     by: &'static str,
+}
+
+/// What a description says of the voxels, and of the values, beside the axes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Said {
+    /// Voxel distances, in the file's own unit; the third may be missing where slices are files of their own.
+    pub spacing: Option<([f64; 2], Option<f64>)>,
+    /// Slope and intercept of the values.
+    pub calibration: Option<(f32, f32)>,
+}
+
+impl Said {
+    /// All three distances of a stack of `count` slices.
+    pub fn spacing(&self, count: usize) -> Option<[f64; 3]> {
+        let ([x, y], z) = self.spacing?;
+        // A single slice is as thick as the shorter of its spacings.
+        let z = if count == 1 { z.or(Some(x.min(y))) } else { z };
+        Some([x, y, z?])
+    }
+}
+
+/// What the first page's description says; `resolution` are pixels per unit along x and y. `pages` are those of the file.
+pub(super) fn said(path: &Path, description: &[u8], resolution: [Option<f64>; 2], pages: usize) -> Said {
+    let text = String::from_utf8_lossy(description);
+    if text.starts_with("ImageJ=") {
+        return imagej_said(path, &text, resolution, pages);
+    }
+    Said { spacing: if text.contains("<OME") { ome_spacing(path, description) } else { None }, calibration: None }
+}
+
+/// As ImageJ's FileOpener has it: distances count where a unit is given, values lie on a straight line where the calibration's
+/// function is 0.
+fn imagej_said(path: &Path, text: &str, resolution: [Option<f64>; 2], pages: usize) -> Said {
+    let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
+    let number = |key: &str| value(key).and_then(|v| v.parse::<f64>().ok()).filter(|v| v.is_finite());
+    let unit = value("unit").is_some_and(|u| !u.is_empty() && !u.starts_with("pixel"));
+    // Axes in units of their own have no common measure.
+    let one_unit = ["yunit", "zunit"].iter().all(|key| value(key).is_none_or(|u| Some(u) == value("unit")));
+    let depth = number("spacing").map(f64::abs).filter(|d| *d > 0.0);
+    let depth = depth.or((pages > 1 || number("slices").is_some()).then_some(1.0));
+    let spacing = match resolution {
+        [Some(x), Some(y)] if unit && one_unit => Some(([1.0 / x, 1.0 / y], depth)),
+        _ => None,
+    };
+    let calibration = match (number("cf"), number("c0"), number("c1")) {
+        (Some(0.0), Some(c0), Some(c1)) if c1 as f32 != 0.0 && [c0 as f32, c1 as f32].iter().all(|c| c.is_finite()) => {
+            Some((c1 as f32, c0 as f32))
+        }
+        (Some(function), ..) => {
+            log::warn!(
+                "{}: its calibration (ImageJ's function {function}) is not applied; values are read as they are stored",
+                crate::error::shown(path)
+            );
+            None
+        }
+        _ => None,
+    };
+    Said { spacing, calibration }
+}
+
+/// PhysicalSizeX, Y and Z of the first image, in their unit, or in micrometres where they have several.
+fn ome_spacing(path: &Path, description: &[u8]) -> Option<([f64; 2], Option<f64>)> {
+    let mut tags = Tags::new(path, description);
+    while let Ok(Some(tag)) = tags.next() {
+        if tag.name.rsplit(':').next() != Some("Pixels") || tag.form == TagForm::Close {
+            continue;
+        }
+        let of = |axis: &str| {
+            let size: f64 = tag.get(&format!("PhysicalSize{axis}"))?.parse().ok()?;
+            let unit = match tag.get(&format!("PhysicalSize{axis}Unit")).unwrap_or("µm") {
+                "pm" => 1e-6,
+                "Å" => 1e-4,
+                "nm" => 1e-3,
+                "µm" | "um" => 1.0,
+                "mm" => 1e3,
+                "cm" => 1e4,
+                "m" => 1e6,
+                _ => return None,
+            };
+            Some((size, unit)).filter(|(size, _)| size.is_finite() && *size > 0.0)
+        };
+        let (x, y, z) = (of("X")?, of("Y")?, of("Z"));
+        let one = [y, z.unwrap_or(x)].iter().all(|s| s.1 == x.1);
+        let length = |(size, unit): (f64, f64)| if one { size } else { size * unit };
+        return Some(([length(x), length(y)], z.map(length)));
+    }
+    None
 }
 
 /// Where samples lie that pages do not speak of.
@@ -86,7 +174,35 @@ pub(super) fn axes(path: &Path, description: &[u8], form: &Form, pages: &[usize]
     if text.starts_with("{\"shape\":") && text.contains("\"truncated\": true") {
         return Err(headerless(path, "its description (tifffile) counts more slices".into(), None, form, behind));
     }
+    if let Some(axes) = shaped(&text, form, pages) {
+        return Ok(Some(axes));
+    }
     if text.contains("<OME") { ome(path, description, form, pages) } else { Ok(None) }
+}
+
+/// The axes of an array that tifffile wrote: {"shape": [2, 4, 5, 7], "axes": "CZYX"}. Without "axes" the last of those before rows and
+/// columns is z.
+fn shaped(text: &str, form: &Form, pages: &[usize]) -> Option<Axes> {
+    let json: serde_json::Value = serde_json::Deserializer::from_str(text).into_iter().next()?.ok()?;
+    let mut shape = json.get("shape")?.as_array()?.iter().map(|n| usize::try_from(n.as_u64()?).ok()).collect::<Option<Vec<_>>>()?;
+    let own = [form.height, form.width, form.channels];
+    shape.truncate(shape.strip_suffix(if form.channels > 1 { &own[..] } else { &own[..2] })?.len());
+    let letters = json.get("axes").and_then(|a| a.as_str()).map(|a| a.chars().take(shape.len()).collect::<Vec<_>>());
+    let axes: Vec<(usize, Option<char>)> =
+        shape.iter().enumerate().map(|(i, &n)| (n, letters.as_ref().and_then(|l| l.get(i).copied()))).filter(|(n, _)| *n > 1).collect();
+    let total = axes.iter().fold(1usize, |all, (n, _)| all.saturating_mul(*n));
+    if !(2..=3).contains(&axes.len()) || total != pages.len() {
+        return None;
+    }
+    let z = axes.iter().position(|a| a.1 == Some('Z')).unwrap_or(axes.len() - 1);
+    // The others are channels and times, the faster first.
+    let (mut counts, mut order, mut left) = ([1; 3], String::new(), "CT".chars());
+    for (i, (n, _)) in axes.iter().enumerate().rev() {
+        let axis = if i == z { 'Z' } else { left.next()? };
+        counts["ZCT".find(axis)?] = *n;
+        order.push(axis);
+    }
+    Some(Axes::new(counts, &order, "tifffile"))
 }
 
 fn imagej(path: &Path, text: &str, form: &Form, pages: &[usize], behind: &Behind) -> Result<Option<Axes>> {

@@ -2,7 +2,7 @@
 
 use super::limits::{bad, io, open, quote};
 use super::samples::SampleType;
-use super::stack_axes::Axes;
+use super::stack_axes::{Axes, Said};
 use super::stack_tiff as tiff;
 use crate::error::{Error, Result, shown};
 use crate::room::more;
@@ -68,8 +68,17 @@ fn is_png(head: &[u8]) -> bool {
     head.starts_with(&super::png::MAGIC)
 }
 
-/// What a file holds, which of its pages are slices, and of which axes, where they are of several.
-pub(super) fn form(path: &Path) -> Result<(Form, Vec<usize>, Option<Axes>)> {
+/// What a file holds.
+pub(super) struct Contents {
+    pub form: Form,
+    /// Those of its pages that are slices.
+    pub pages: Vec<usize>,
+    /// Of which axes they are, where they are of several.
+    pub axes: Option<Axes>,
+    pub said: Said,
+}
+
+pub(super) fn contents(path: &Path) -> Result<Contents> {
     let (mut file, length) = open(path)?;
     let mut head = [0; 8];
     let (n, error) = super::limits::fill(&mut file, &mut head);
@@ -77,12 +86,12 @@ pub(super) fn form(path: &Path) -> Result<(Form, Vec<usize>, Option<Axes>)> {
         return Err(io(path, "read", e));
     }
     if is_png(&head[..n]) {
-        return Ok((png_reader(path)?.1, vec![0], None));
+        return Ok(Contents { form: png_reader(path)?.1, pages: vec![0], axes: None, said: Said::default() });
     }
     if !is_picture(&head[..n]) {
         return Err(bad(path, format!("it begins with '{}'", quote(&String::from_utf8_lossy(&head[..n]))), "a TIFF or PNG file is needed"));
     }
-    tiff::form(path, length)
+    tiff::contents(path, length)
 }
 
 /// Loads the pages of a file, which must be asked for in ascending order.

@@ -2,12 +2,13 @@
 
 use super::limits::{bad, io, open, quote};
 use super::samples::SampleType;
-use super::stack_axes::{self, Axes, Behind};
-use super::stack_picture::{Form, MAX_RATIO, MAX_SLICE, WHITE_FIRST, check_size, room};
+use super::stack_axes::{self, Behind};
+use super::stack_picture::{Contents, Form, MAX_RATIO, MAX_SLICE, WHITE_FIRST, check_size, room};
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Seek, SeekFrom};
 use std::path::Path;
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
 use tiff::tags::{ByteOrder, Tag};
 use tiff::{ColorType, TiffError, TiffUnsupportedError};
@@ -73,8 +74,8 @@ fn check_directory(path: &Path, file: &mut BufReader<File>, length: u64) -> Resu
     Ok(())
 }
 
-/// The form of the first page, all pages that are no thumbnails, and of which axes they are.
-pub(super) fn form(path: &Path, length: u64) -> Result<(Form, Vec<usize>, Option<Axes>)> {
+/// The form of the first page, all pages that are no thumbnails, and what is said of them.
+pub(super) fn contents(path: &Path, length: u64) -> Result<Contents> {
     let mut decoder = open_tiff(path, length)?;
     let mut first = None;
     let mut pages = Vec::new();
@@ -83,7 +84,7 @@ pub(super) fn form(path: &Path, length: u64) -> Result<(Form, Vec<usize>, Option
         if reduced.unwrap_or(0) & 1 == 0 {
             if first.is_none() {
                 let form = page(path, &mut decoder, length)?;
-                first = Some((form, description(&mut decoder), start(&mut decoder)));
+                first = Some((form, description(&mut decoder), start(&mut decoder), resolution(&mut decoder)));
             }
             pages.push(page_number);
         }
@@ -95,12 +96,13 @@ pub(super) fn form(path: &Path, length: u64) -> Result<(Form, Vec<usize>, Option
         }
         decoder.next_image().map_err(|e| trouble(path, e))?;
     }
-    let Some((form, description, start)) = first else {
+    let Some((form, description, start, resolution)) = first else {
         return Err(bad(path, "all of its pages are thumbnails", "a page of full resolution is needed"));
     };
     let behind = Behind { start, length, big_endian: decoder.byte_order() == ByteOrder::BigEndian };
     let axes = stack_axes::axes(path, &description, &form, &pages, &behind)?;
-    Ok((form, pages, axes))
+    let said = stack_axes::said(path, &description, resolution, pages.len());
+    Ok(Contents { form, pages, axes, said })
 }
 
 /// The present page's description; empty where it has none, or none that can be read.
@@ -109,6 +111,19 @@ fn description(decoder: &mut Decoder<BufReader<File>>) -> Vec<u8> {
     let found = decoder.image_ifd().find_tag_bytes(Tag::ImageDescription, &mut text, 0);
     text.truncate(found.ok().flatten().unwrap_or(0));
     text
+}
+
+/// Pixels per unit along x and y.
+fn resolution(decoder: &mut Decoder<BufReader<File>>) -> [Option<f64>; 2] {
+    [Tag::XResolution, Tag::YResolution].map(|tag| {
+        let rate = match decoder.find_tag(tag).ok()?? {
+            Value::Rational(n, d) => f64::from(n) / f64::from(d),
+            Value::Float(v) => f64::from(v),
+            Value::Double(v) => v,
+            _ => return None,
+        };
+        Some(rate).filter(|r| r.is_finite() && *r > 0.0)
+    })
 }
 
 /// Where the present page's uncompressed samples begin.
@@ -233,7 +248,7 @@ pub(super) fn trouble(path: &Path, e: TiffError) -> Error {
         }
         TiffError::UnsupportedError(
             No::UnknownInterpretation | No::InterpretationWithBits(..) | No::UnsupportedInterpretation(_) | No::UnsupportedColorType(_),
-        ) => "grey and colours are read, palettes are not: save it as grey or RGB",
+        ) => "grey and colours are read, palettes are not: save it as grey, with its values (in Fiji by Image > Lookup Tables > Grays)",
         TiffError::UnsupportedError(_) => "integers and floats of one size, without subsampling, are read: save it again so",
         _ => "a whole, undamaged file is needed",
     };

@@ -10,7 +10,7 @@ use super::samples::{self, Layout, SampleType};
 use super::vtk_array::{Array, choose_array, image_grid};
 use super::vtk_text::Text;
 use crate::error::Result;
-use crate::scene::Volume;
+use crate::scene::{Samples, Volume};
 use glam::{DMat3, DVec3};
 use std::fs::File;
 use std::io::BufReader;
@@ -23,6 +23,8 @@ const MAX_ARRAYS: usize = 4096;
 struct Place {
     array: Array,
     at: u64,
+    /// Bytes written as shares of 255.
+    shares: bool,
 }
 
 /// What the header says, as far as it was read.
@@ -57,7 +59,7 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, options: &Re
     let points = image.dims.ok_or_else(|| bad(path, "DIMENSIONS are missing", "DIMENSIONS nx ny nz are needed"))?;
     let arrays: Vec<&Array> = image.arrays.iter().map(|p| &p.array).collect();
     let (chosen, pick) = choose_array(path, &arrays, None, options)?;
-    let Place { array, at } = &image.arrays[chosen];
+    let Place { array, at, shares } = &image.arrays[chosen];
     let axes = DMat3::from_diagonal(DVec3::from(image.spacing.unwrap_or([1.0; 3])));
     let low = DVec3::from(image.origin) + axes * DVec3::from(image.first.map(|n| n as f64));
     let grid = image_grid(path, points, axes, low, array.cells)?;
@@ -71,7 +73,12 @@ pub(super) fn read(path: &Path, file: BufReader<File>, length: u64, options: &Re
         ..Layout::scalar(grid.dims(), array.kind)
     };
     let source = Source::new(path, text.file, length, *at, false)?;
-    Volume::new(grid, samples::read(path, source, &layout, options)?, 1.0, 0.0)
+    let samples = match samples::read(path, source, &layout, options)? {
+        // As vtkDataReader brings them back.
+        Samples::F32(shares_of) if *shares => Samples::U8(shares_of.into_iter().map(|v| (255.0 * v + 0.5) as u8).collect()),
+        samples => samples,
+    };
+    Volume::new(grid, samples, 1.0, 0.0)
 }
 
 /// Takes a keyword and what belongs to it; false where nothing behind it can be read.
@@ -209,7 +216,11 @@ fn attribute(text: &mut Text, word: &str, binary: bool, image: &mut Image) -> Re
     };
     let tuples =
         tuples(image).ok_or_else(|| bad(path, format!("{word} stands before POINT_DATA"), "POINT_DATA or CELL_DATA come first"))?;
-    array(text, &name, &kind, components, tuples, binary, image)
+    let known = image.arrays.len();
+    let more = array(text, &name, &kind, components, tuples, binary, image)?;
+    // What VTK's writers make of every image of unsigned char.
+    image.arrays.iter_mut().skip(known).for_each(|place| place.shares = word == "COLOR_SCALARS" && !binary);
+    Ok(more)
 }
 
 /// "name components tuples type" and its values.
@@ -247,7 +258,7 @@ fn array(text: &mut Text, name: &str, kind: &str, components: usize, count: u64,
     }
     let at = text.at;
     if let Some(cells) = image.cells.filter(|_| tuples(image) == Some(count)) {
-        image.arrays.push(Place { array: Array { name, kind, components, cells }, at });
+        image.arrays.push(Place { array: Array { name, kind, components, cells }, at, shares: false });
     }
     text.skip(count.saturating_mul(components as u64), kind, binary)
 }

@@ -6,6 +6,7 @@ pub enum Value {
     Short(u16),
     Long(Vec<u32>),
     Text(String),
+    Rational(u32, u32),
 }
 
 /// A directory: entries in ascending order of their tags.
@@ -22,6 +23,7 @@ pub fn tiff(data: &[u8], directories: &[Directory]) -> Vec<u8> {
             let (kind, count, bytes) = match value {
                 Value::Short(v) => (3u16, 1, v.to_le_bytes().to_vec()),
                 Value::Long(v) => (4, v.len(), v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+                Value::Rational(n, d) => (5, 1, [n.to_le_bytes(), d.to_le_bytes()].concat()),
                 Value::Text(t) => (2, t.len() + 1, [t.as_bytes(), &[0]].concat()),
             };
             let mut place = bytes.clone();
