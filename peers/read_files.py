@@ -79,6 +79,23 @@ def vtk_xml():
                 writer.Write()
                 check('VTK', path, a, ([1, 2, 3], np.eye(3), [0, 0, 0]))
 
+def vtk_legacy():
+    """VTK's own writer, which makes colours of unsigned chars."""
+    import vtk
+    from vtk.util.numpy_support import numpy_to_vtk
+    for kind in ['uint8', 'int16', 'float32']:
+        a = array(kind, (20, 30, 40))
+        image = vtk.vtkImageData()
+        image.SetDimensions(40, 30, 20), image.SetSpacing(1, 2, 3)
+        values = numpy_to_vtk(a.ravel())
+        values.SetName('s'), image.GetPointData().SetScalars(values)
+        for name, text in [('ascii', True), ('binary', False)]:
+            path, writer = f'{folder}/{kind}_{name}.vtk', vtk.vtkStructuredPointsWriter()
+            writer.SetInputData(image), writer.SetFileName(path)
+            writer.SetFileTypeToASCII() if text else writer.SetFileTypeToBinary()
+            writer.Write()
+            check('VTK, legacy', path, a, ([1, 2, 3], np.eye(3), [0, 0, 0]))
+
 def tiff():
     import tifffile
     forms = [{}, {'compression': 'zlib'}, {'compression': 'lzw'}, {'compression': 'packbits'}, {'compression': 'zstd'}, {'bigtiff': True},
@@ -103,6 +120,19 @@ def tiff():
         sets = a.transpose([axes.index(axis) for axis in kept + 'ZYX']).reshape(-1, 4, 5, 7)
         for i, volume in enumerate(sets):
             check('tifffile, hyperstacks', path, volume, more=('--volume.component', str(i)))
+    # Arrays of tifffile's own: the last axis before rows and columns is z, or the one that is called so.
+    for axes, shape in [(None, (2, 4, 5, 7)), ('CZYX', (2, 4, 5, 7)), ('ZCYX', (4, 2, 5, 7)), ('TCZYX', (3, 2, 4, 5, 7))]:
+        a, path = array('uint16', shape), f'{folder}/own{axes}.tif'
+        tifffile.imwrite(path, a, photometric='minisblack', metadata={'axes': axes} if axes else {})
+        sets = a.swapaxes(0, 1) if axes == 'ZCYX' else a
+        for i, volume in enumerate(sets.reshape(-1, 4, 5, 7)):
+            check('tifffile, its own arrays', path, volume, more=('--volume.component', str(i)))
+    # How far voxels lie apart.
+    for name in ['imagej', 'ome']:
+        a, path = array('uint16', (6, 5, 7)), f'{folder}/apart.{name}.tif'
+        said = {'axes': 'ZYX', 'unit': 'um', 'spacing': 3.0} if name == 'imagej' else {'axes': 'ZYX', 'PhysicalSizeX': 0.2, 'PhysicalSizeY': 0.25, 'PhysicalSizeZ': 3.0}
+        tifffile.imwrite(path, a, photometric='minisblack', resolution=(5, 4), metadata=said, imagej=name == 'imagej', ome=name == 'ome')
+        check('tifffile, distances', path, a, ([0.2, 0.25, 3], np.eye(3), [0.1, 0.125, 1.5]))
     # One axis alone is slices, as tifffile's own defaults call it channels.
     for name in ['imagej', 'ome']:
         a, path = array('uint16', (6, 5, 7)), f'{folder}/alone.{name}.tif'
@@ -167,7 +197,7 @@ def dicom_pixels(path, more):
     pixels = pixels * float(file.get('RescaleSlope', file.get('DoseGridScaling', 1))) + float(file.get('RescaleIntercept', 0))
     check('pydicom', path, pixels.reshape((-1,) + pixels.shape[-2:]), more=more)
 
-for part in [itk, vtk_xml, tiff, stacking, dicom]:
+for part in [itk, vtk_xml, tiff, stacking, dicom, vtk_legacy]:
     part()
 for program, count in counts.items():
     print(f"{program}: {sum(count.values())} files: " + ', '.join(f'{n} {what}' for what, n in count.items()))

@@ -73,7 +73,7 @@ pub unsafe extern "C" fn hl_field_load(
         let (request, out) = scope.making("field", field, |s| Request::of(s, engine, info))?;
         let path = super::call::path(path)?;
         let grid = *request.volume.device.grid();
-        let file = io::read_nrrd_field(&path, &ReadOptions::default())?;
+        let file = request.host.log.during(request.host.id, || io::read_nrrd_field(&path, &ReadOptions::default()))?;
         let settings = told(&path, &file, grid.dims())?;
         let turn = request.host.turn()?;
         let medium = request.medium(turn.engine(), &mut |_, _| ControlFlow::Continue(()))?;
