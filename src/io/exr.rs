@@ -322,10 +322,14 @@ fn layer(
     if let Some(right) = bad_shape(w, h) {
         return wrong(format!("{w}x{h} pixels"), right);
     }
-    // What is not there takes memory all the same.
-    if w.saturating_mul(h) > width.saturating_mul(height).saturating_mul(64).max(1 << 20) {
+    // What is not there takes memory all the same, and so does what is not shown.
+    let (data, display) = (width.saturating_mul(height), w.saturating_mul(h));
+    if width > MAX_SIDE || height > MAX_SIDE || data > MAX_PIXELS {
+        return wrong(format!("{width}x{height} pixels"), format!("at most {MAX_SIDE} a side and {MAX_PIXELS} pixels are read"));
+    }
+    if display > data.saturating_mul(16).max(1 << 20) || data > display.saturating_mul(16) {
         let what = format!("its {width}x{height} pixels lie in a picture of {w}x{h}");
-        return wrong(what, "at least a 64th of it must be there: crop it".into());
+        return wrong(what, "neither may have more than sixteen times the other's pixels: crop it".into());
     }
     Ok(window)
 }

@@ -257,6 +257,9 @@ fn read(
     if given.is_none() && count > 1 {
         log::info!("{}: slices do not say how far apart they are; voxels are taken as cubes of edge 1 (volume.spacing)", shown(path));
     }
+    if let Some(function) = said.curve {
+        log::warn!("{}: its calibration (ImageJ's function {function}) is not applied; values are read as they are stored", shown(path));
+    }
     if form.color == picture::WHITE_FIRST {
         log::warn!(
             "{}: in its pictures small values are bright (PhotometricInterpretation 0); values are read as they are stored",

@@ -31,6 +31,8 @@ pub(super) struct Said {
     pub spacing: Option<([f64; 2], Option<f64>)>,
     /// Slope and intercept of the values.
     pub calibration: Option<(f32, f32)>,
+    /// Number of another calibration (ImageJ's function), which is not applied.
+    pub curve: Option<f64>,
 }
 
 impl Said {
@@ -47,14 +49,14 @@ impl Said {
 pub(super) fn said(path: &Path, description: &[u8], resolution: [Option<f64>; 2], pages: usize) -> Said {
     let text = String::from_utf8_lossy(description);
     if text.starts_with("ImageJ=") {
-        return imagej_said(path, &text, resolution, pages);
+        return imagej_said(&text, resolution, pages);
     }
-    Said { spacing: if text.contains("<OME") { ome_spacing(path, description) } else { None }, calibration: None }
+    Said { spacing: if text.contains("<OME") { ome_spacing(path, description) } else { None }, ..Said::default() }
 }
 
 /// As ImageJ's FileOpener has it: distances count where a unit is given, values lie on a straight line where the calibration's
 /// function is 0.
-fn imagej_said(path: &Path, text: &str, resolution: [Option<f64>; 2], pages: usize) -> Said {
+fn imagej_said(text: &str, resolution: [Option<f64>; 2], pages: usize) -> Said {
     let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
     let number = |key: &str| value(key).and_then(|v| v.parse::<f64>().ok()).filter(|v| v.is_finite());
     let unit = value("unit").is_some_and(|u| !u.is_empty() && !u.starts_with("pixel"));
@@ -70,16 +72,10 @@ fn imagej_said(path: &Path, text: &str, resolution: [Option<f64>; 2], pages: usi
         (Some(0.0), Some(c0), Some(c1)) if c1 as f32 != 0.0 && [c0 as f32, c1 as f32].iter().all(|c| c.is_finite()) => {
             Some((c1 as f32, c0 as f32))
         }
-        (Some(function), ..) => {
-            log::warn!(
-                "{}: its calibration (ImageJ's function {function}) is not applied; values are read as they are stored",
-                crate::error::shown(path)
-            );
-            None
-        }
         _ => None,
     };
-    Said { spacing, calibration }
+    let curve = number("cf").filter(|_| calibration.is_none());
+    Said { spacing, calibration, curve }
 }
 
 /// PhysicalSizeX, Y and Z of the first image, in their unit, or in micrometres where they have several.
