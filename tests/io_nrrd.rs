@@ -173,6 +173,8 @@ fn images_and_axes_of_size_one() {
         "dimension: 4\nsizes: 2 5 2 1\nkinds: vector domain domain domain\nspace dimension: 3\nspace directions: none (0.7,0,0) (0,0.6,0) (0,0,8)",
     );
     assert_eq!((colours.grid().dims(), colours.grid().spacing(), colours.value(1)), ([5, 2, 1], [0.7, 0.6, 8.0], 3.0));
+    let within = pick("dimension: 4\nsizes: 5 2 2 1\nkinds: domain domain vector domain");
+    assert_eq!((within.grid().dims(), within.value(0)), ([5, 2, 1], 10.0));
     // As ITK writes times: a fourth dimension of space.
     let itk = pick(
         "dimension: 4\nsizes: 5 2 1 2\nkinds: domain domain domain domain\nspace dimension: 4\nspace directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,0.5)\nspace origin: (0,0,0,7)",

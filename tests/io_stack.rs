@@ -86,6 +86,7 @@ fn names_that_count_more_than_slices_are_told() {
     assert!(others.len() == 1 && others[0].contains("differ in more than a number"), "{others:?}");
     assert!(said("d", &["s08.png", "s09.png", "s10.png"]).is_empty());
     assert!(said("e", &["2024_9.png", "2024_10.png"]).is_empty());
+    assert!(said("f", &["s18446744073709551615.png", "s018446744073709551615.png"]).is_empty());
 }
 
 #[test]

@@ -137,6 +137,13 @@ fn voxels_lie_as_far_apart_as_the_file_says() {
     assert_eq!(spacing(3, &imagej("unit=um\nspacing=-3.0\n"), five), [0.2, 0.25, 3.0]);
     // ImageJ leaves a depth of 1 out.
     assert_eq!(spacing(3, &imagej("unit=mm\n"), five), [0.2, 0.25, 1.0]);
+    // As Micro-Manager writes them: micrometres beside pixels per centimetre.
+    let mut pages: Vec<Directory> = (0..3).map(|i| page([2, 1], 8, 1, 1, 8 + 2 * i)).collect();
+    set(&mut pages[0], 270, Value::Text(imagej("unit=um\nspacing=3.0\n")));
+    set(&mut pages[0], 282, Value::Rational(50_000, 1));
+    set(&mut pages[0], 283, Value::Rational(40_000, 1));
+    set(&mut pages[0], 296, Value::Short(3));
+    assert_eq!(describe(&read(&dir.file("c.tif", &[&tiff(&[0; 6], &pages)])).unwrap()).spacing, [0.2, 0.25, 3.0]);
     // Without a unit, or with several, or without a resolution, as ImageJ takes it: not calibrated.
     for (rest, resolution) in [
         ("spacing=3.0\n", five),
@@ -177,6 +184,13 @@ fn imagejs_values_are_calibrated() {
     assert_eq!(read(&stack("")).unwrap().range(), [32768.0, 32818.0]);
     let (curve, said) = warnings(|| read(&stack("cf=1\nc0=1\nc1=2\nc2=3\n")).unwrap());
     assert!(curve.range() == [32768.0, 32818.0] && said.len() == 1 && said[0].contains("function 1) is not applied"), "{said:?}");
+    // A unit alone is no calibration, and floats are what they are.
+    let (plain, said) = warnings(|| read(&stack("cf=0\nvunit=HU\n")).unwrap());
+    assert!(plain.range() == [32768.0, 32818.0] && said.is_empty(), "{said:?}");
+    let mut floats = page([2, 1], 32, 3, 1, 8);
+    set(&mut floats, 270, Value::Text("ImageJ=1.54f\ncf=0\nc0=-32768.0\nc1=1.0\n".into()));
+    let data = [1.5f32, 2.5].map(f32::to_le_bytes).concat();
+    assert_eq!(read(&dir.file("f.tif", &[&tiff(&data, &[floats])])).unwrap().range(), [1.5, 2.5]);
     // Slices in files of their own must agree.
     let folder = dir.path("f");
     std::fs::create_dir(&folder).unwrap();
@@ -200,6 +214,14 @@ fn tifffiles_arrays_have_their_axes() {
     let both = file(12, "{\"shape\": [2, 3, 2, 1, 2]}");
     says(read(&both), &["c0t0, c1t0, c2t0, c0t1"]);
     assert_eq!(slices(&pick(&both, "c2t1").unwrap()), [10, 11]);
+    // By their letters: times are the third axis where there is no z, and channels are called so in any order.
+    let times = file(8, "{\"shape\": [4, 2, 1, 2], \"axes\": \"TCYX\"}");
+    says(read(&times), &["4 slices of 2 channels (tifffile)"]);
+    assert_eq!(slices(&pick(&times, "1").unwrap()), [1, 3, 5, 7]);
+    let swapped = file(12, "{\"shape\": [2, 3, 2, 1, 2], \"axes\": \"CTZYX\"}");
+    assert_eq!(slices(&pick(&swapped, "c1t2").unwrap()), [10, 11]);
+    assert_eq!(slices(&pick(&swapped, "c0t1").unwrap()), [2, 3]);
+    says(read(&file(8, "{\"shape\": [2, 4, 1, 2], \"axes\": \"TZYX\"}")), &["4 slices at 2 times (tifffile)"]);
     // One axis, axes that are not these pages', and other words: slices.
     for text in [
         "{\"shape\": [8, 1, 2]}",

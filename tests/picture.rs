@@ -392,6 +392,10 @@ fn exr_windows_are_honoured() {
         let [r, g, b] = value(i % 16, i / 16);
         assert_eq!(*pixel, if within { [r, g, b, 1.0] } else { [0.0; 4] }, "{i}");
     }
+    // Of a large picture a small part, as renderers crop.
+    write((300, 200), (400, 300), IntegerBounds::new((0, 0), (1920, 1080)), true);
+    let small = read_picture_exr(&path).unwrap();
+    assert!((small.width, small.height) == (1920, 1080) && small.rgba[300 * 1920 + 400][3] == 1.0 && small.rgba[0][3] == 0.0);
     // A little of very much would take memory for nothing.
     write((5, 3), (4, 2), IntegerBounds::new((0, 0), (8192, 4096)), false);
     assert!(message(&path).contains("5x3 pixels lie in a picture of 8192x4096"), "{}", message(&path));

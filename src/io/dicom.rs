@@ -35,6 +35,8 @@ pub(super) struct Slice {
     /// Distance of slices, as the file says it without positions; below 0 where they lie against their normal.
     pub between: Option<f64>,
     pub rescale: (f32, f32),
+    /// Whether the file says that the slope is 0, for which 1 stands.
+    pub no_slope: bool,
     /// Whether a table says what samples mean.
     pub table: bool,
 }
@@ -210,12 +212,10 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
         };
         let named =
             if get(element::SLOPE).is_some() { ("RescaleSlope", element::SLOPE) } else { ("DoseGridScaling", element::DOSE_SCALING) };
+        let no_slope = number(named.0, named.1)? == Some(0.0);
         let slope = match number(named.0, named.1)? {
             // As GDCM has it.
-            Some(0.0) => {
-                log::warn!("{}: its {} is 0; 1 is taken", crate::error::shown(path), named.0);
-                1.0
-            }
+            Some(0.0) => 1.0,
             slope => slope.map_or(1.0, |v| v as f32),
         };
         if slope == 0.0 || !slope.is_finite() {
@@ -238,6 +238,7 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
             spacing,
             between,
             rescale: (slope, intercept),
+            no_slope,
             table: fields.contains_key(&element::MODALITY_LUT),
         })
     };

@@ -118,7 +118,9 @@ pub(super) fn form(path: &Path, fields: &Fields, float_bits: u32, big_endian: bo
         let stored: u16 = fields.get(&tag)?.parse().ok()?;
         Some(if signed { i64::from(stored as i16) } else { i64::from(stored) })
     };
-    let padding = padding(element::PADDING).filter(|_| channels == 1 && !float).map(|value| {
+    // The background of labels is a label.
+    let image = channels == 1 && !float && !fields.contains_key(&element::SEGMENTATION);
+    let padding = padding(element::PADDING).filter(|_| image).map(|value| {
         let limit = padding(element::PADDING_LIMIT).unwrap_or(value);
         [value.min(limit), value.max(limit)]
     });

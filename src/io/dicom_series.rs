@@ -51,6 +51,9 @@ pub(super) fn read(path: &Path, slices: Vec<Slice>, unread: BTreeMap<String, Err
     if form.photometric == "PALETTE COLOR" {
         log::warn!("{}: its samples are indices of a palette (PALETTE COLOR); values are these indices", shown(path));
     }
+    if slices.iter().any(|s| s.no_slope) {
+        log::warn!("{}: its RescaleSlope is 0; 1 is taken", shown(path));
+    }
     if slices.iter().any(|s| s.table) {
         log::warn!("{}: its Modality LUT is not applied; values are read as they are stored", shown(path));
     }

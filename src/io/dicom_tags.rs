@@ -31,12 +31,14 @@ pub(super) const INTERCEPT: Tag = 0x0028_1052;
 pub(super) const SLOPE: Tag = 0x0028_1053;
 /// A table from stored samples to the data's unit.
 pub(super) const MODALITY_LUT: Tag = 0x0028_3000;
+/// Of segmentations: samples are labels or shares.
+pub(super) const SEGMENTATION: Tag = 0x0062_0001;
 /// Of dose: places of the frames along the normal, and what a stored unit is worth.
 pub(super) const FRAME_OFFSETS: Tag = 0x3004_000c;
 pub(super) const DOSE_SCALING: Tag = 0x3004_000e;
 
 /// Elements that are kept, and whether they are binary 16-bit numbers; the others are text.
-pub(super) const WANTED: [(Tag, bool); 26] = [
+pub(super) const WANTED: [(Tag, bool); 27] = [
     (IMAGE_TYPE, false),
     (SERIES_DESCRIPTION, false),
     (THICKNESS, false),
@@ -61,6 +63,7 @@ pub(super) const WANTED: [(Tag, bool); 26] = [
     (PADDING_LIMIT, true),
     (INTERCEPT, false),
     (SLOPE, false),
+    (SEGMENTATION, false),
     (FRAME_OFFSETS, false),
     (DOSE_SCALING, false),
 ];

@@ -4,6 +4,7 @@ use super::exr_layers::{ExrChannel, ExrOptions, write_exr_layers};
 use super::limits::open;
 use super::write_aside;
 use crate::error::{Error, Result};
+use crate::room::more;
 use crate::scene::Picture;
 use exr::image::read::specific_channels::ReadSpecificChannel;
 use exr::meta::MetaData;
@@ -163,7 +164,7 @@ pub fn read_picture_exr(path: &Path) -> Result<Picture> {
         .non_parallel()
         .from_buffered(file)
         .map_err(|e| trouble(path, "read", e))?;
-    let (width, height, rgba) = window.shown(image.layer_data.channel_data.pixels.whole(path)?);
+    let (width, height, rgba) = window.shown(path, image.layer_data.channel_data.pixels.whole(path)?)?;
     Ok(Picture { width, height, rgba })
 }
 
@@ -183,7 +184,7 @@ pub(super) fn read_coverage(path: &Path) -> Result<Option<Vec<f32>>> {
         .non_parallel()
         .from_buffered(file)
         .map_err(|e| trouble(path, "read", e))?;
-    let (_, _, covered) = window.shown(image.layer_data.channel_data.pixels.whole(path)?);
+    let (_, _, covered) = window.shown(path, image.layer_data.channel_data.pixels.whole(path)?)?;
     Ok(Some(covered.into_iter().flatten().collect()))
 }
 
@@ -225,7 +226,7 @@ pub(super) fn read_rgb(
         }
     };
     window.check_primaries(path);
-    Ok(window.shown(pixels.map_err(|e| trouble(path, "read", e))?.whole(path)?))
+    window.shown(path, pixels.map_err(|e| trouble(path, "read", e))?.whole(path)?)
 }
 
 /// What is shown of a layer: the display window, in which its data lie, or beyond which.
@@ -260,12 +261,14 @@ impl Window {
     }
 
     /// The display window of a layer's data: nothing where they do not reach.
-    fn shown<const N: usize>(&self, (width, height, pixels): Pixels<N>) -> Pixels<N> {
+    fn shown<const N: usize>(&self, path: &Path, (width, height, pixels): Pixels<N>) -> Result<Pixels<N>> {
         let [w, h] = self.size;
         if (self.at, [w, h]) == ([0, 0], [width, height]) {
-            return (width, height, pixels);
+            return Ok((width, height, pixels));
         }
-        let mut out = vec![[0.0; N]; w * h];
+        let mut out = Vec::new();
+        more(|| format!("{}: its display window", crate::error::shown(path)), &mut out, w * h)?;
+        out.resize(w * h, [0.0; N]);
         let within = |n: i64, at: i64, count: usize| usize::try_from(n - at).ok().filter(|&i| i < count);
         for (y, row) in out.chunks_exact_mut(w).enumerate() {
             let Some(from) = within(y as i64, self.at[1], height) else { continue };
@@ -275,7 +278,7 @@ impl Window {
                 }
             }
         }
-        (w, h, out)
+        Ok((w, h, out))
     }
 }
 
@@ -327,7 +330,7 @@ fn layer(
     if width > MAX_SIDE || height > MAX_SIDE || data > MAX_PIXELS {
         return wrong(format!("{width}x{height} pixels"), format!("at most {MAX_SIDE} a side and {MAX_PIXELS} pixels are read"));
     }
-    if display > data.saturating_mul(16).max(1 << 20) || data > display.saturating_mul(16) {
+    if display > data.saturating_mul(16).max(1 << 23) || data > display.saturating_mul(16) {
         let what = format!("its {width}x{height} pixels lie in a picture of {w}x{h}");
         return wrong(what, "neither may have more than sixteen times the other's pixels: crop it".into());
     }

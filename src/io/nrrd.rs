@@ -72,6 +72,11 @@ fn spatial_axes(path: &Path, header: &Header, options: &ReadOptions) -> Result<A
     let in_space = |axes: &[usize]| axes.iter().filter(|&&a| not_spatial(header, a).is_none()).count();
     while in_space(&axes) > 3 && drop(&mut axes, &|_| true) {}
     let scalar = "a scalar volume has three axes in space, and beside them only axes of size 1";
+    // Components in the midst become the slowest where only axes of size 1 follow.
+    let within = axes.iter().position(|&a| not_spatial(header, a).is_some()).filter(|&i| i > 0);
+    while axes.len() > 3 && within.is_some_and(|i| i + 1 < axes.len()) && axes.last().is_some_and(|&a| header.sizes[a] == 1) {
+        axes.pop();
+    }
     let odd = axes.iter().find_map(|&a| Some((a, not_spatial(header, a)?)));
     let asked = options.component.is_some();
     let mut apart = None;

@@ -149,7 +149,7 @@ fn odd_names(files: &[PathBuf]) -> Option<String> {
         ));
     };
     let number = |i: usize| names[i][at].parse::<u64>().ok();
-    let gap = (1..names.len()).find(|&i| number(i - 1).zip(number(i)).is_some_and(|(a, b)| b > a + 1))?;
+    let gap = (1..names.len()).find(|&i| number(i - 1).zip(number(i)).is_some_and(|(a, b)| b.checked_sub(a).is_some_and(|d| d > 1)))?;
     Some(gap_after(&names[gap - 1][at], &names[gap][at]))
 }
 

@@ -6,6 +6,7 @@
 use super::ReadOptions;
 use super::choose;
 use super::limits::bad;
+use super::samples::SampleType;
 use super::stack_picture::Form;
 use super::xml::{Form as TagForm, Tags};
 use crate::error::Result;
@@ -45,18 +46,24 @@ impl Said {
     }
 }
 
-/// What the first page's description says; `resolution` are pixels per unit along x and y. `pages` are those of the file.
-pub(super) fn said(path: &Path, description: &[u8], resolution: [Option<f64>; 2], pages: usize) -> Said {
+/// Pixels per unit along x and y, and whether that is a centimetre.
+pub(super) struct Resolution {
+    pub rates: [Option<f64>; 2],
+    pub centimetres: bool,
+}
+
+/// What the first page's description says; `pages` are those of the file.
+pub(super) fn said(path: &Path, description: &[u8], form: &Form, resolution: &Resolution, pages: usize) -> Said {
     let text = String::from_utf8_lossy(description);
     if text.starts_with("ImageJ=") {
-        return imagej_said(&text, resolution, pages);
+        return imagej_said(&text, form, resolution, pages);
     }
     Said { spacing: if text.contains("<OME") { ome_spacing(path, description) } else { None }, ..Said::default() }
 }
 
 /// As ImageJ's FileOpener has it: distances count where a unit is given, values lie on a straight line where the calibration's
 /// function is 0.
-fn imagej_said(text: &str, resolution: [Option<f64>; 2], pages: usize) -> Said {
+fn imagej_said(text: &str, form: &Form, resolution: &Resolution, pages: usize) -> Said {
     let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
     let number = |key: &str| value(key).and_then(|v| v.parse::<f64>().ok()).filter(|v| v.is_finite());
     let unit = value("unit").is_some_and(|u| !u.is_empty() && !u.starts_with("pixel"));
@@ -64,17 +71,19 @@ fn imagej_said(text: &str, resolution: [Option<f64>; 2], pages: usize) -> Said {
     let one_unit = ["yunit", "zunit"].iter().all(|key| value(key).is_none_or(|u| Some(u) == value("unit")));
     let depth = number("spacing").map(f64::abs).filter(|d| *d > 0.0);
     let depth = depth.or((pages > 1 || number("slices").is_some()).then_some(1.0));
-    let spacing = match resolution {
-        [Some(x), Some(y)] if unit && one_unit => Some(([1.0 / x, 1.0 / y], depth)),
+    // Micrometres beside pixels per centimetre, as Micro-Manager writes them.
+    let micro = value("unit").is_some_and(|u| ["um", "µm", "\\u00B5m"].contains(&u));
+    let part = if resolution.centimetres && micro { 1e4 } else { 1.0 };
+    let spacing = match resolution.rates {
+        [Some(x), Some(y)] if unit && one_unit => Some(([part / x, part / y], depth)),
         _ => None,
     };
-    let calibration = match (number("cf"), number("c0"), number("c1")) {
-        (Some(0.0), Some(c0), Some(c1)) if c1 as f32 != 0.0 && [c0 as f32, c1 as f32].iter().all(|c| c.is_finite()) => {
-            Some((c1 as f32, c0 as f32))
-        }
-        _ => None,
-    };
-    let curve = number("cf").filter(|_| calibration.is_none());
+    // Of floats, only the name of their unit counts.
+    let function = number("cf").filter(|_| !matches!(form.kind, SampleType::F32 | SampleType::F64));
+    let line = number("c0").zip(number("c1")).map(|(c0, c1)| (c1 as f32, c0 as f32));
+    let calibration = line.filter(|(c1, c0)| function == Some(0.0) && *c1 != 0.0 && c1.is_finite() && c0.is_finite());
+    // 21 is an optical density, without coefficients.
+    let curve = function.filter(|f| *f != 0.0 && (line.is_some() || *f == 21.0));
     Said { spacing, calibration, curve }
 }
 
@@ -190,11 +199,15 @@ fn shaped(text: &str, form: &Form, pages: &[usize]) -> Option<Axes> {
     if !(2..=3).contains(&axes.len()) || total != pages.len() {
         return None;
     }
-    let z = axes.iter().position(|a| a.1 == Some('Z')).unwrap_or(axes.len() - 1);
-    // The others are channels and times, the faster first.
-    let (mut counts, mut order, mut left) = ([1; 3], String::new(), "CT".chars());
+    let called = |letter: char| axes.iter().position(|a| a.1 == Some(letter));
+    let z = called('Z').or(called('T')).unwrap_or(axes.len() - 1);
+    // The others are channels and times as they are called, else channels the faster.
+    let own = |i: usize| axes[i].1.filter(|c| matches!(c, 'C' | 'T'));
+    let others: Vec<usize> = (0..axes.len()).rev().filter(|&i| i != z).collect();
+    let mut free = "CT".chars().filter(|&c| !others.iter().any(|&i| own(i) == Some(c))).collect::<Vec<_>>().into_iter();
+    let (mut counts, mut order) = ([1; 3], String::new());
     for (i, (n, _)) in axes.iter().enumerate().rev() {
-        let axis = if i == z { 'Z' } else { left.next()? };
+        let axis = if i == z { 'Z' } else { own(i).or_else(|| free.next())? };
         counts["ZCT".find(axis)?] = *n;
         order.push(axis);
     }

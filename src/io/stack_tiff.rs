@@ -2,7 +2,7 @@
 
 use super::limits::{bad, io, open, quote};
 use super::samples::SampleType;
-use super::stack_axes::{self, Behind};
+use super::stack_axes::{self, Behind, Resolution};
 use super::stack_picture::{Contents, Form, MAX_RATIO, MAX_SLICE, WHITE_FIRST, check_size, room};
 use crate::error::{Error, Result};
 use std::fs::File;
@@ -101,7 +101,7 @@ pub(super) fn contents(path: &Path, length: u64) -> Result<Contents> {
     };
     let behind = Behind { start, length, big_endian: decoder.byte_order() == ByteOrder::BigEndian };
     let axes = stack_axes::axes(path, &description, &form, &pages, &behind)?;
-    let said = stack_axes::said(path, &description, resolution, pages.len());
+    let said = stack_axes::said(path, &description, &form, &resolution, pages.len());
     Ok(Contents { form, pages, axes, said })
 }
 
@@ -113,9 +113,10 @@ fn description(decoder: &mut Decoder<BufReader<File>>) -> Vec<u8> {
     text
 }
 
-/// Pixels per unit along x and y.
-fn resolution(decoder: &mut Decoder<BufReader<File>>) -> [Option<f64>; 2] {
-    [Tag::XResolution, Tag::YResolution].map(|tag| {
+/// How many pixels there are per unit.
+fn resolution(decoder: &mut Decoder<BufReader<File>>) -> Resolution {
+    let centimetres = matches!(decoder.find_tag_unsigned::<u16>(Tag::ResolutionUnit), Ok(Some(3)));
+    let rates = [Tag::XResolution, Tag::YResolution].map(|tag| {
         let rate = match decoder.find_tag(tag).ok()?? {
             Value::Rational(n, d) => f64::from(n) / f64::from(d),
             Value::Float(v) => f64::from(v),
@@ -123,7 +124,8 @@ fn resolution(decoder: &mut Decoder<BufReader<File>>) -> [Option<f64>; 2] {
             _ => return None,
         };
         Some(rate).filter(|r| r.is_finite() && *r > 0.0)
-    })
+    });
+    Resolution { rates, centimetres }
 }
 
 /// Where the present page's uncompressed samples begin.
