@@ -180,7 +180,7 @@ typedef struct hl_load_info {
     const void *next;
     const char *component; /* name, or number from 0, of the scalar in a file of several; NULL: the only one */
     const char *series;    /* SeriesInstanceUID, in a folder of several DICOM series */
-    double spacing[3];     /* of a stack of pictures; all 0: 1 */
+    double spacing[3];     /* of a stack of pictures; all 0: as its files say, else 1 */
     int32_t replace_nan;   /* as in hl_volume_info */
     float nan_as;
 } hl_load_info;

@@ -37,7 +37,7 @@ pub struct ReadOptions<'a> {
     pub component: Option<String>,
     /// Which DICOM series of a folder that holds several: its SeriesInstanceUID.
     pub series: Option<String>,
-    /// Voxel edges of an image stack, world units (default 1); other files say their own.
+    /// Voxel edges of an image stack, world units (default: as its files say, else 1); other files say their own.
     pub spacing: Option<[f64; 3]>,
     /// Value that stands in for NaN and infinite samples, in the data's unit (after a NIfTI file's slope and
     /// intercept). Without it they are an error.
