@@ -1,5 +1,8 @@
 //! Picture files: what is written is what is read, by our own reader and by the format crates; damaged files are errors.
 
+#[path = "io_common/logs.rs"]
+mod logs;
+
 use exr::prelude::*;
 use halflight::Error;
 use halflight::io::{describe_picture, read_picture_exr, read_probe, whole_picture, write_exr, write_png};
@@ -399,6 +402,28 @@ fn exr_windows_are_honoured() {
     // A little of very much would take memory for nothing.
     write((5, 3), (4, 2), IntegerBounds::new((0, 0), (8192, 4096)), false);
     assert!(message(&path).contains("5x3 pixels lie in a picture of 8192x4096"), "{}", message(&path));
+}
+
+/// Colours of other primaries are not converted; that is said.
+#[test]
+fn other_primaries_are_said() {
+    let dir = folder();
+    let path = dir.path().join("c.exr");
+    let rec709 = [(0.64, 0.33), (0.3, 0.6), (0.15, 0.06), (0.3127, 0.329)];
+    let ap1 = [(0.713, 0.293), (0.165, 0.83), (0.128, 0.044), (0.32168, 0.33767)];
+    for (of, warned) in [(None, false), (Some(rec709), false), (Some(ap1), true)] {
+        let list = (0..3).map(|c| AnyChannel::new(["R", "G", "B"][c], FlatSamples::F32(samples(c)))).collect();
+        let layer = Layer::new((16, 8), LayerAttributes::named("main"), Encoding::SMALL_LOSSLESS, AnyChannels::sort(list));
+        let mut attributes = ImageAttributes::new(IntegerBounds::from_dimensions((16, 8)));
+        attributes.chromaticities = of.map(|of| {
+            let [red, green, blue, white] = of.map(|(x, y)| Vec2(x, y));
+            exr::meta::attribute::Chromaticities { red, green, blue, white }
+        });
+        Image::from_layers(attributes, vec![layer]).write().to_file(&path).unwrap();
+        let (probe, said) = logs::warnings(|| read_probe(&path).unwrap());
+        assert_eq!((probe.pixels()[5], said.len()), (value(5, 0), usize::from(warned)), "{said:?}");
+        assert!(said.iter().all(|s| s.contains("c.exr: its chromaticities are not those of Rec. 709")), "{said:?}");
+    }
 }
 
 /// Flips bytes, cuts and grows the file; every outcome but a panic is right.

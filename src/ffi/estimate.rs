@@ -87,9 +87,7 @@ impl precompute::Request {
             Ok(())
         })
     }
-}
 
-impl precompute::Request {
     /// Bytes beside the field, and seconds, that measuring its error takes.
     fn measuring(
         &self,

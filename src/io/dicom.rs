@@ -212,8 +212,9 @@ fn slices_of(path: &Path, elements: Elements) -> Result<Vec<Slice>> {
         };
         let named =
             if get(element::SLOPE).is_some() { ("RescaleSlope", element::SLOPE) } else { ("DoseGridScaling", element::DOSE_SCALING) };
-        let no_slope = number(named.0, named.1)? == Some(0.0);
-        let slope = match number(named.0, named.1)? {
+        let told = number(named.0, named.1)?;
+        let no_slope = told == Some(0.0);
+        let slope = match told {
             // As GDCM has it.
             Some(0.0) => 1.0,
             slope => slope.map_or(1.0, |v| v as f32),

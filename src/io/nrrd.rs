@@ -1,7 +1,7 @@
 //! NRRD volumes, attached and detached. Format: <https://teem.sourceforge.net/nrrd/format.html>.
 //!
-//! World coordinates are those of the file's `space` (LPS, RAS, …), unchanged; of a left-handed one (LAS) x is negated. `space origin` is the centre of the first
-//! sample, whatever the axes' centering. Without an origin the volume's box begins at the world origin.
+//! World coordinates are those of the file's `space` (LPS, RAS, …), unchanged; of a left-handed one (LAS) x is negated.
+//! `space origin` is the centre of the first sample, whatever the axes' centering. Without an origin the volume's box begins at the world origin.
 
 use super::ReadOptions;
 use super::limits::{Source, bad, grid, io, open, quote};

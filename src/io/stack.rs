@@ -1,6 +1,7 @@
 //! Stacks of pictures: a folder, a pattern `slice_####.tif`, a TIFF of several pages, or one picture as a single slice.
-//! Slices follow each other in the natural order of their names (slice_9 before slice_10). Few say how
-//! far apart their voxels are: `volume.spacing` gives all three distances. The box begins at the world origin, x along rows, y along columns from the top.
+//! Slices follow each other in the natural order of their names (slice_9 before slice_10). Few say how far apart their voxels
+//! are: `volume.spacing` gives all three distances. The box begins at the world origin, x along rows, y along columns from the
+//! top.
 
 use super::ReadOptions;
 use super::choose;

@@ -1,6 +1,7 @@
 //! ParaView's JSON presets, also those of vtk.js: `RGBPoints` (x, r, g, b; display sRGB), often `Points` (x, opacity,
 //! midpoint, sharpness), and how colours are interpolated. A preset within 0..1 is relative: ParaView rescales it to the
-//! data's range; so is one of -1..1, which most of its own presets have. Without `Points` the opacity rises linearly from 0 to 1 over the colours' range, ParaView's default.
+//! data's range; so is one of -1..1, which most of its own presets have. Without `Points` the opacity rises linearly from 0 to 1
+//! over the colours' range, ParaView's default.
 
 use super::super::limits::{bad, quote};
 use super::color::Space;
